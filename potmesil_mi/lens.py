@@ -1,0 +1,331 @@
+"""The finite aperture: lens law, depth of field and circle of confusion.
+
+Section 2.2 and 2.3 of Potmesil & Chakravarty, "A Lens and Aperture Camera Model for Synthetic
+Image Generation", SIGGRAPH 1981; equation numbers in brackets are the paper's. Nothing here needs
+a Mitsuba variant.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+ACUITY = 1e-3
+"""Angular resolving power of the eye in radians: "1 mil", a patch of U/1000 (section 2.2)."""
+
+FULL_FRAME_WIDTH = 36.0
+"""Width of a 35 mm still frame in millimetres, assumed where no frame width is given."""
+
+IMAGE_DISTANCES = ("focal", "focused")
+
+
+class DepthOfField(NamedTuple):
+    """Limits of what appears in focus, as distances from the lens in scene units."""
+
+    near: Any
+    far: Any
+
+    @property
+    def depth(self) -> Any:
+        """``far - near`` in scene units."""
+        return self.far - self.near
+
+
+class ThinLens:
+    """A thin lens with an aperture, focused on a plane: equations 1-8.
+
+    Every parameter may be a number, a NumPy array or a Dr.Jit array (then every result is
+    differentiable in it). Distances are along the optical axis, positive before the lens.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``focal_length``              F in millimetres, > 0
+    ``f_number``                  n, the aperture number, > 0; ``inf`` is a pinhole.
+                                  Exactly one of ``f_number`` and ``aperture_radius``
+    ``focus_distance``            U in scene units, beyond the focal length; ``inf``
+                                  (default) is allowed
+    ``aperture_radius``           R in scene units, >= 0: the ``aperture_radius`` of the
+                                  equivalent ``thinlens``. F/(2n) with the film at the
+                                  focused image, V_u/(2n) with the film at F
+    ``frame_width``               width of the film in millimetres, > 0 (default 36)
+    ``millimeters_per_unit``      size of a scene unit, > 0 (default 1: distances in
+                                  millimetres; 1000 for a scene in metres)
+    ``image_distance``            where the film is: ``focal``, fixed at F (the paper,
+                                  default), or ``focused``, at the image of the focused
+                                  plane (a real camera; its field of view changes as it
+                                  is focused)
+    ============================  ==========================================================
+
+    Raises ``ValueError`` that names the parameter, its value and what is allowed.
+    """
+
+    def __init__(
+        self,
+        focal_length: Any,
+        f_number: Any = None,
+        focus_distance: Any = math.inf,
+        *,
+        aperture_radius: Any = None,
+        frame_width: Any = FULL_FRAME_WIDTH,
+        millimeters_per_unit: Any = 1.0,
+        image_distance: str = "focal",
+    ) -> None:
+        if (f_number is None) == (aperture_radius is None):
+            given = "both" if f_number is not None else "neither"
+            raise ValueError(
+                f"f_number and aperture_radius: give exactly one of them, {given} was given "
+                f"(f_number={f_number}, aperture_radius={aperture_radius})"
+            )
+        if image_distance not in IMAGE_DISTANCES:
+            raise ValueError(
+                f"image_distance={image_distance!r}: must be one of {', '.join(IMAGE_DISTANCES)}"
+            )
+        _require("focal_length", focal_length, "> 0 mm and finite", _positive_finite)
+        _require("frame_width", frame_width, "> 0 mm and finite", _positive_finite)
+        _require("millimeters_per_unit", millimeters_per_unit, "> 0 and finite", _positive_finite)
+        if f_number is not None:
+            _require("f_number", f_number, "> 0", lambda x: x > 0)
+        if aperture_radius is not None:
+            _require(
+                "aperture_radius",
+                aperture_radius,
+                ">= 0 scene units and finite",
+                lambda x: (x >= 0) & np.isfinite(x),
+            )
+        _require("focus_distance", focus_distance, "> 0 scene units", lambda x: x > 0)
+        _require(
+            "focus_distance",
+            focus_distance,
+            f"beyond the focal length of {focal_length} mm "
+            f"(a scene unit is {millimeters_per_unit} mm)",
+            lambda x: (
+                x * _host(millimeters_per_unit) - _host(focal_length)
+                > 1e-12 * _host(focal_length)
+            ),
+        )
+        self.focal_length = focal_length
+        self.focus_distance = focus_distance
+        self.frame_width = frame_width
+        self.millimeters_per_unit = millimeters_per_unit
+        self.film_position = image_distance
+        self._f_number = f_number
+        self._aperture_radius = aperture_radius
+
+    @classmethod
+    def of_field_of_view(
+        cls,
+        fov: float,
+        *,
+        focal_length: float | None = None,
+        frame_width: float | None = None,
+        **parameters: Any,
+    ) -> ThinLens:
+        """The lens whose frame covers ``fov`` degrees across.
+
+        With ``focal_length`` (mm) the frame's width follows from it; without, the focal length
+        follows from ``frame_width`` (mm, default 36). Other parameters as for ``ThinLens``.
+        """
+        if not 0 < fov < 180:
+            raise ValueError(f"fov={fov}: must be > 0 and < 180 degrees")
+        slope = 2 * math.tan(math.radians(fov) / 2)
+        if focal_length is not None:
+            lens = cls(focal_length, **parameters)
+            return lens.replace(frame_width=slope * lens.film_distance)
+        if frame_width is None:
+            frame_width = FULL_FRAME_WIDTH
+        focal_length = frame_width / slope
+        if parameters.get("image_distance", "focal") == "focused":
+            in_mm = parameters.get("focus_distance", math.inf) * parameters.get(
+                "millimeters_per_unit", 1.0
+            )
+            focal_length = 1 / (1 / focal_length + _reciprocal(in_mm))
+        return cls(focal_length, frame_width=frame_width, **parameters)
+
+    def parameters(self) -> dict[str, Any]:
+        """The constructor's arguments: ``ThinLens(**lens.parameters())`` equals ``lens``."""
+        parameters = {
+            "focal_length": self.focal_length,
+            "focus_distance": self.focus_distance,
+            "frame_width": self.frame_width,
+            "millimeters_per_unit": self.millimeters_per_unit,
+            "image_distance": self.film_position,
+        }
+        if self._f_number is not None:
+            parameters["f_number"] = self._f_number
+        else:
+            parameters["aperture_radius"] = self._aperture_radius
+        return parameters
+
+    def replace(self, **changes: Any) -> ThinLens:
+        """A lens with some constructor arguments changed.
+
+        ``f_number`` takes the place of an ``aperture_radius`` and the other way round; whichever
+        of the two was given stays as the lens is focused. Raises ``TypeError`` for an unknown
+        name.
+        """
+        parameters = self.parameters()
+        unknown = set(changes) - {*parameters, "f_number", "aperture_radius"}
+        if unknown:
+            raise TypeError(
+                f"{sorted(unknown)[0]}: not a parameter of ThinLens, which has "
+                f"{', '.join(sorted({*parameters, 'f_number', 'aperture_radius'}))}"
+            )
+        if not changes.keys().isdisjoint({"f_number", "aperture_radius"}):
+            parameters.pop("f_number", None)
+            parameters.pop("aperture_radius", None)
+        return ThinLens(**{**parameters, **changes})
+
+    @property
+    def f_number(self) -> Any:
+        """n = F/D, the aperture number."""
+        if self._f_number is not None:
+            return self._f_number
+        opening = 2 * self._aperture_radius * self.millimeters_per_unit
+        return self._aperture_reference * _reciprocal(opening)
+
+    @property
+    def aperture_radius(self) -> Any:
+        """R in scene units, the ``aperture_radius`` of the equivalent ``thinlens``."""
+        if self._aperture_radius is not None:
+            return self._aperture_radius
+        diameter = self._aperture_reference * _reciprocal(self._f_number)
+        return diameter / (2 * self.millimeters_per_unit)
+
+    @property
+    def _aperture_reference(self) -> Any:
+        """2nR in millimetres: F with the film at the focused image, V_u with the film at F."""
+        return self.focal_length if self.film_position == "focused" else self.image_distance()
+
+    @property
+    def film_distance(self) -> Any:
+        """Distance from the lens to the film in millimetres: F, or V_u where it is focused."""
+        return self.image_distance() if self.film_position == "focused" else self.focal_length
+
+    @property
+    def lens_diameter(self) -> Any:
+        """D = F/n in millimetres."""
+        return self.focal_length * _reciprocal(self.f_number)
+
+    @property
+    def fov(self) -> float:
+        """Field of view across the frame in degrees, a plain number: 2 atan(W / 2 film_distance)."""
+        return math.degrees(
+            2 * math.atan(float(_host(self.frame_width / (2 * self.film_distance)).item()))
+        )
+
+    def image_distance(self, depth: Any = None) -> Any:
+        """V in millimetres of the image of a point at ``depth`` (scene units): [1], [7].
+
+        1/V = 1/F - 1/P; by default of the focused plane. Negative for a point inside the focal
+        length, whose image is virtual, and infinite for one at the focal length.
+        """
+        depth = self.focus_distance if depth is None else depth
+        return _reciprocal(
+            _reciprocal(self.focal_length) - _reciprocal(depth * self.millimeters_per_unit)
+        )
+
+    def circle_of_confusion(self, depth: Any) -> Any:
+        """Signed diameter C on the film in millimetres of a point at ``depth`` (scene units).
+
+        C = D V_u (1/P - 1/U): equation 8 in the form that is affine in 1/P, so it is valid at
+        P <= F, at P = inf and at U = inf. Positive nearer than the focused plane, negative
+        beyond it; its limit for P = inf is -F^2 / (n (U - F)). Raises ``ValueError`` for a
+        negative depth.
+        """
+        _require("depth", depth, ">= 0 scene units", lambda x: x >= 0)
+        vergence = _reciprocal(depth) - _reciprocal(self.focus_distance)
+        return self.lens_diameter * self.image_distance() * vergence / self.millimeters_per_unit
+
+    def hyperfocal_distance(self, acuity: float = ACUITY) -> Any:
+        """H = D / acuity in scene units, 1000 F/n by default (section 2.2)."""
+        return self.lens_diameter / (acuity * self.millimeters_per_unit)
+
+    def depth_of_field(self, acuity: float = ACUITY) -> DepthOfField:
+        """Nearest and farthest distance that appear in focus, in scene units: [2]-[6].
+
+        1/U± = 1/U ∓ 1/H; beyond the hyperfocal distance the far limit is infinite.
+        """
+        vergence = _reciprocal(self.focus_distance)
+        tolerance = _reciprocal(self.hyperfocal_distance(acuity))
+        return DepthOfField(
+            near=_reciprocal(vergence + tolerance),
+            far=_reciprocal(_clamp_at_zero(vergence - tolerance)),
+        )
+
+    def to_thinlens(self) -> dict[str, Any]:
+        """The exactly equivalent built-in sensor, as a dictionary for ``mi.load_dict``.
+
+        ``fov`` is along x. A pinhole (f-number ``inf``) gives ``perspective``. ``thinlens``
+        cannot focus at infinity: there the distance is 1e9 aperture radii, which no pixel can
+        tell from infinity.
+        """
+        radius = float(_host(self.aperture_radius).item())
+        sensor: dict[str, Any] = {"type": "perspective", "fov": self.fov, "fov_axis": "x"}
+        if radius > 0:
+            focus_distance = float(_host(self.focus_distance).item())
+            sensor["type"] = "thinlens"
+            sensor["aperture_radius"] = radius
+            sensor["focus_distance"] = min(focus_distance, 1e9 * radius)
+        return sensor
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ThinLens):
+            return NotImplemented
+        mine, theirs = self.parameters(), other.parameters()
+        return mine.keys() == theirs.keys() and all(
+            np.array_equal(_host(mine[key]), _host(theirs[key])) for key in mine
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"ThinLens({', '.join(f'{k}={v!r}' for k, v in self.parameters().items())})"
+
+
+def _host(value: Any) -> Any:
+    """``value`` as a NumPy array, for checks and for results that are plain numbers."""
+    if isinstance(value, str):
+        return np.asarray(value)
+    if type(value).__module__.startswith("drjit"):
+        import drjit as dr
+
+        value = dr.detach(value)
+    return np.asarray(value)
+
+
+def _positive_finite(values: np.ndarray) -> Any:
+    return (values > 0) & np.isfinite(values)
+
+
+def _require(name: str, value: Any, allowed: str, test: Any) -> None:
+    """Raise unless every element of ``value`` is a number that passes ``test``."""
+    values = _host(value)
+    if values.dtype.kind not in "fiu":
+        raise TypeError(f"{name}={value!r}: must be a number {allowed}")
+    passed = test(values)
+    if not np.all(passed):
+        shown = value if np.ndim(values) == 0 else values[~np.broadcast_to(passed, values.shape)][0]
+        raise ValueError(f"{name}={shown}: must be {allowed}")
+
+
+def _reciprocal(value: Any) -> Any:
+    """1/value with 1/0 = inf, for numbers and arrays of any kind."""
+    if isinstance(value, (int, float)):
+        return math.copysign(math.inf, value) if value == 0 else 1 / value
+    if isinstance(value, (np.ndarray, np.generic)):
+        with np.errstate(divide="ignore"):
+            return np.true_divide(1.0, value)
+    return 1 / value
+
+
+def _clamp_at_zero(value: Any) -> Any:
+    if isinstance(value, (int, float)):
+        return max(value, 0.0)
+    if isinstance(value, (np.ndarray, np.generic)):
+        return np.maximum(value, 0.0)
+    import drjit as dr
+
+    return dr.maximum(value, 0.0)

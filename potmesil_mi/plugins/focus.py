@@ -1,0 +1,86 @@
+"""Integrator ``focus``: the whole camera in one rendering."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..focus import METHODS, focus
+from ..hidden_surface import render_samples
+from ..scene import pick_sensor, potmesil_sensor, require_vectorised_variant
+from . import wrapper
+
+
+class FocusIntegrator(mi.CppADIntegrator):
+    r"""Point samples through a pinhole, then the picture through the lens.
+
+    Needs one nested integrator for the radiance, and a ``potmesil`` or ``thinlens`` sensor. The
+    picture is put into the film, with its crop window, pixel format, alpha and reconstruction
+    filter.
+
+    .. pluginparameters::
+
+     * - (nested)
+       - |integrator|
+       - A sampling integrator, such as ``path`` or ``direct``.
+     * - method
+       - |string|
+       - ``paper``: equation 20 of Potmesil & Chakravarty (1981). (Default: paper)
+     * - tables
+       - |int|
+       - Number of depths with a table of the circle of confusion, 2 to 10000. (Default: 73)
+     * - inverse_square
+       - |bool|
+       - Weight samples by 1/z², as in the paper. (Default: true)
+     * - squares, position_classes
+       - |int|
+       - Squares on a side of a pixel, and classes of sample positions on a side of a square,
+         1 to 16. (Default: 2 and 1)
+     * - pattern, threshold, subdivisions
+       - |string|, |float|, |int|
+       - Where the image is sampled, as for ``point_samples``. (Default: sampler)
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        require_vectorised_variant("focus")
+        self.nested = wrapper.nested_integrator(props, "focus")
+        self.sampling = wrapper.sampling_parameters(props)
+        self.options: dict[str, Any] = {
+            name: props[name]
+            for name in ("tables", "inverse_square", "squares", "position_classes")
+            if name in props
+        }
+        self.method = props.get("method", "paper")
+        if self.method not in METHODS:
+            raise ValueError(f"method={self.method!r}: must be one of {', '.join(METHODS)}")
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        """Render the samples, focus them, and put the picture into the film."""
+        sensor = potmesil_sensor(pick_sensor(scene, sensor))
+        film = sensor.film()
+        samples = render_samples(
+            scene, sensor, self.nested, spp=spp, seed=int(seed), sampling=self.sampling
+        )
+        alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+        image = np.array(
+            focus(samples, method=self.method, rfilter=film.rfilter(), alpha=alpha, **self.options)
+        )
+        return wrapper.put_picture(film, image, image[..., :0], [], develop)
+
+    def to_string(self) -> str:
+        """Text for the log and for ``print``."""
+        return (
+            f"FocusIntegrator[method = {self.method}, options = {self.options}, "
+            f"nested = {self.nested}, sampling = {self.sampling}]"
+        )

@@ -1,0 +1,131 @@
+"""Integrator ``point_samples``: the hidden-surface stage, as channels of a picture."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..focus import focus
+from ..hidden_surface import WAVEFRONT, render_samples
+from ..samples import PointSamples
+from ..scene import pick_sensor, require_vectorised_variant
+from . import wrapper
+
+AOVS = ("x", "y", "z", "id", "weight")
+
+
+class PointSamplesIntegrator(mi.CppADIntegrator):
+    r"""Point samples of the scene, seen through the pinhole.
+
+    :func:`potmesil_mi.render_samples` gives the samples themselves. Rendered by ``mi.render``
+    it gives the pinhole picture of the nested integrator, with the film's filter, and a sample
+    of each pixel in further channels, unfiltered: of the one nearest to the pixel's centre
+
+    ==========  ==========================================================================
+    Channel     Meaning
+    ==========  ==========================================================================
+    ``x, y``    position in pixels of the film
+    ``z``       depth along the camera's axis in scene units; inf where nothing was hit
+    ``id``      surface; 0 where nothing was hit
+    ``weight``  weight of all the pixel's samples
+    ==========  ==========================================================================
+
+    .. pluginparameters::
+
+     * - (nested)
+       - |integrator|
+       - A sampling integrator, such as ``path`` or ``direct``.
+     * - pattern
+       - |string|
+       - ``sampler``: positions of the sensor's sampler. ``uniform``: the paper's grid of
+         (2W+1) x (2H+1) points. ``adaptive``: pixel corners, subdivided in 2x2 squares where
+         they differ. (Default: sampler)
+     * - threshold
+       - |float|
+       - ``adaptive``: largest difference of a corner from the mean of the four that is not
+         subdivided, in linear intensity clipped to [0, 1]. (Default: 25/255)
+     * - subdivisions
+       - |int|
+       - ``adaptive``: most subdivisions of a pixel, 0 to 8. (Default: 2)
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        require_vectorised_variant("point_samples")
+        self.nested = wrapper.nested_integrator(props, "point_samples")
+        self.sampling = wrapper.sampling_parameters(props)
+
+    def aov_names(self) -> list[str]:
+        """Names of the channels beside the colours."""
+        return list(AOVS)
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        """Render the samples and put them into the film."""
+        film = pick_sensor(scene, sensor).film()
+        samples = render_samples(
+            scene, sensor, self.nested, spp=spp, seed=int(seed), sampling=self.sampling
+        )
+        picture = pinhole_picture(samples, film)
+        return wrapper.put_picture(film, picture, pixel_channels(samples), AOVS, develop)
+
+    def to_string(self) -> str:
+        """Text for the log and for ``print``."""
+        return f"PointSamplesIntegrator[nested = {self.nested}, sampling = {self.sampling}]"
+
+
+def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
+    """RGB (A) of the samples through the film's filter, (height, width, 3 or 4)."""
+    alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+    if samples.lattice > 0:
+        # A corner belongs to the four pixels around it, which equation 20 knows.
+        pinhole = samples.lens.replace(f_number=math.inf)
+        return np.array(
+            focus(
+                samples,
+                pinhole,
+                tables=2,
+                inverse_square=False,
+                rfilter=film.rfilter(),
+                alpha=alpha,
+            )
+        )
+    film.prepare([])
+    block = film.create_block()
+    for start in range(0, len(samples), WAVEFRONT):
+        part = slice(start, start + WAVEFRONT)
+        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if alpha else [])]
+        weight = mi.Float(samples.weight[part])
+        block.put(
+            mi.Point2f(samples.x[part], samples.y[part]),
+            [*(mi.Float(np.ascontiguousarray(c)) * weight for c in columns), weight],
+        )
+        dr.eval(block.tensor())
+    picture = np.array(block.tensor())
+    return picture[..., :-1] / np.maximum(picture[..., -1:], np.finfo(np.float32).tiny)
+
+
+def pixel_channels(samples: PointSamples) -> np.ndarray:
+    """What ``AOVS`` names, of each pixel's sample nearest to its centre: (height, width, 5)."""
+    width, height = samples.camera.crop_size
+    pixel = samples.pixel()
+    off_centre = np.square(samples.x % 1 - 0.5) + np.square(samples.y % 1 - 0.5)
+    order = np.lexsort([off_centre, pixel])
+    nearest = order[np.flatnonzero(np.diff(pixel[order], prepend=-1))]
+    channels = np.zeros((height * width, len(AOVS)), dtype=np.float32)
+    channels[:, AOVS.index("z")] = np.inf
+    channels[pixel[nearest], :4] = np.stack(
+        [samples.x, samples.y, samples.z, samples.surface], axis=1
+    )[nearest]
+    channels[:, 4] = np.bincount(pixel, samples.weight, minlength=height * width)
+    return channels.reshape(height, width, len(AOVS))

@@ -1,0 +1,284 @@
+"""Sensor ``potmesil``: a pinhole that knows the lens its samples will be focused with."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..camera import Camera, horizontal_fov, orientation
+from ..lens import ThinLens
+
+APERTURES = ("disc",)
+DEFAULT_FOCAL_LENGTH = 50.0
+PROJECTION_PARAMETERS = {
+    "near_clip": 1e-2,
+    "far_clip": 1e4,
+    "principal_point_offset_x": 0.0,
+    "principal_point_offset_y": 0.0,
+}
+
+
+class PotmesilSensor(mi.Sensor):
+    r"""Pinhole camera with a lens description (Potmesil & Chakravarty 1981, section 2).
+
+    Any integrator sees the pinhole: its rays are those of ``perspective`` with the same field
+    of view. The integrators ``focus`` and ``point_samples`` also read the lens.
+
+    .. pluginparameters::
+
+     * - focal_length
+       - |float|
+       - Focal length F of the lens in millimetres. (Default: 50, or what ``fov`` and
+         ``frame_width`` ask for)
+     * - f_number
+       - |float|
+       - Aperture number n = F/D. Exactly one of ``f_number`` and ``aperture_radius`` is needed.
+     * - aperture_radius
+       - |float|
+       - Radius of the aperture in scene units, as in ``thinlens``.
+     * - focus_distance
+       - |float|
+       - Distance U to the focused plane in scene units along the axis; ``inf`` is allowed.
+         (Default: inf)
+     * - frame_width
+       - |float|
+       - Width of the film in millimetres. (Default: 36, or what ``fov`` and ``focal_length``
+         ask for)
+     * - fov, fov_axis
+       - |float|, |string|
+       - Field of view in degrees in place of ``focal_length`` or ``frame_width``, and the axis
+         it is along: ``x``, ``y``, ``diagonal``, ``smaller``, ``larger``. (Default axis: x)
+     * - millimeters_per_unit
+       - |float|
+       - Size of a scene unit in millimetres. (Default: 1000, a scene in metres)
+     * - image_distance
+       - |string|
+       - Where the film is: ``focal``, fixed at F as in the paper, or ``focused``, at the image
+         of the focused plane as in a real camera. (Default: focal)
+     * - aperture
+       - |string|
+       - Shape of the aperture: ``disc``. (Default: disc)
+     * - to_world
+       - |transform|
+       - Camera-to-world transformation without scale, as in ``perspective``.
+     * - origin, pan, tilt, swing
+       - |point|, |float|
+       - In place of ``to_world``: position of the lens, and angles in degrees applied in this
+         order: pan about the world's y axis (positive to the right), tilt about the camera's
+         x axis (positive upwards), swing about the line of sight (positive clockwise). With all
+         angles 0 the camera looks along +z, with +y up. (Default: 0)
+     * - near_clip, far_clip
+       - |float|
+       - Clipping planes in scene units. (Default: 0.01 and 10000)
+     * - principal_point_offset_x, principal_point_offset_y
+       - |float|
+       - Offset of the principal point as a share of the film size. (Default: 0)
+     * - shutter_open, shutter_close, film, sampler, srf
+       - |float|, |film|, |sampler|, |spectrum|
+       - As in ``perspective``.
+
+    ``mi.traverse`` exposes ``focal_length``, ``f_number`` or ``aperture_radius``,
+    ``focus_distance``, ``frame_width``, ``millimeters_per_unit``, the clipping planes, the
+    principal point and ``to_world``. Bad values raise ``ValueError``; after an update of the
+    parameters too.
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.m_needs_sample_3 = False
+        if not self.id():  # mi.traverse names an object without an id by its address
+            self.set_id("potmesil")
+
+        aperture = props.get("aperture", "disc")
+        if aperture not in APERTURES:
+            raise ValueError(f"aperture={aperture!r}: must be one of {', '.join(APERTURES)}")
+        if any(name in props for name in ("origin", "pan", "tilt", "swing")):
+            self._place(props)
+        for name, default in PROJECTION_PARAMETERS.items():
+            setattr(self, f"m_{name}", mi.Float(_number(props, name, default)))
+
+        lens = self._lens_from(props)
+        self.m_lens_parameters = [name for name in lens.parameters() if name != "image_distance"]
+        for name in self.m_lens_parameters:
+            setattr(self, f"m_{name}", mi.Float(getattr(lens, name)))
+        self.m_lens = lens
+        self._update()
+
+    def _place(self, props: mi.Properties) -> None:
+        """``to_world`` from the position and the angles of the paper's camera."""
+        if "to_world" in props:
+            raise ValueError("to_world: cannot be combined with origin, pan, tilt, swing")
+        to_world = np.eye(4)
+        to_world[:3, :3] = orientation(
+            *(_number(props, angle, 0.0) for angle in ("pan", "tilt", "swing"))
+        )
+        to_world[:3, 3] = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
+        if not np.isfinite(to_world).all():
+            raise ValueError("origin, pan, tilt, swing: must be finite")
+        self.m_to_world = type(self.m_to_world)(to_world)
+
+    def _lens_from(self, props: mi.Properties) -> ThinLens:
+        """The lens, with a field of view turned into the millimetres that it stands for."""
+        given = {
+            name: _number(props, name)
+            for name in ("focal_length", "frame_width", "f_number", "aperture_radius")
+            if name in props
+        }
+        given["focus_distance"] = _number(props, "focus_distance", math.inf)
+        given["millimeters_per_unit"] = _number(props, "millimeters_per_unit", 1000.0)
+        given["image_distance"] = props.get("image_distance", "focal")
+        width, height = self.film().size()
+        axis = props.get("fov_axis", "x")
+        fov = horizontal_fov(_number(props, "fov", 40.0), axis, width / height)
+        if "fov" not in props:
+            return ThinLens(**{"focal_length": DEFAULT_FOCAL_LENGTH, **given})
+        if "focal_length" in given and "frame_width" in given:
+            raise ValueError(
+                f"fov={props['fov']}: cannot be combined with both focal_length and frame_width"
+            )
+        return ThinLens.of_field_of_view(fov, **given)
+
+    def _update(self) -> None:
+        """What follows from the parameters: the lens, checked, and the projection."""
+        # Only what was changed is taken from the single-precision parameters.
+        values = {name: _item(getattr(self, f"m_{name}")) for name in self.m_lens_parameters}
+        self.m_lens = self.m_lens.replace(
+            **{
+                name: value
+                for name, value in values.items()
+                if value != _item(mi.Float(getattr(self.m_lens, name)))
+            }
+        )
+        near, far = _item(self.m_near_clip), _item(self.m_far_clip)
+        if not 0 < near < math.inf:
+            raise ValueError(f"near_clip={near}: must be > 0 and finite")
+        if not near < far < math.inf:
+            raise ValueError(f"far_clip={far}: must be beyond near_clip={near} and finite")
+        matrix = self._matrix()
+        scale = np.linalg.norm(matrix[:3, :3], axis=0)
+        if not np.allclose(scale, 1, atol=1e-3):
+            raise ValueError(f"to_world: must not scale, but scales its axes by {scale}")
+
+        film = self.film()
+        crop_size = mi.ScalarVector2f(film.crop_size())
+        self.m_sample_to_camera = mi.perspective_projection(
+            film.size(),
+            film.crop_size(),
+            film.crop_offset(),
+            mi.Float(self.m_lens.fov),
+            self.m_near_clip,
+            self.m_far_clip,
+        ).inverse()
+        self.m_principal_point = mi.Vector2f(
+            self.m_principal_point_offset_x * film.size().x / crop_size.x,
+            self.m_principal_point_offset_y * film.size().y / crop_size.y,
+        )
+
+    def _matrix(self) -> np.ndarray:
+        """The camera-to-world matrix, shape (4, 4)."""
+        return np.array(self.m_to_world.matrix, dtype=np.float64).reshape(4, 4)
+
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        """Expose the lens, the projection and the placement to ``mi.traverse``."""
+        super().traverse(callback)
+        for name in (*self.m_lens_parameters, *PROJECTION_PARAMETERS, "to_world"):
+            flags = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
+            if name in ("near_clip", "far_clip"):
+                flags = mi.ParamFlags.NonDifferentiable
+            callback.put(name, getattr(self, f"m_{name}"), flags)
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        """Check the parameters again and follow them."""
+        super().parameters_changed(keys)
+        self._update()
+
+    def lens(self) -> ThinLens:
+        """The lens that the parameters describe."""
+        return self.m_lens
+
+    def camera(self) -> Camera:
+        """The pinhole that takes the samples."""
+        film = self.film()
+        return Camera(
+            film_size=tuple(map(int, film.size())),
+            crop_offset=tuple(map(int, film.crop_offset())),
+            crop_size=tuple(map(int, film.crop_size())),
+            x_fov=self.m_lens.fov,
+            to_world=tuple(map(tuple, self._matrix().tolist())),
+            near_clip=self.near_clip(),
+            far_clip=self.far_clip(),
+            principal_point_offset=(
+                _item(self.m_principal_point_offset_x),
+                _item(self.m_principal_point_offset_y),
+            ),
+            shutter_open=self.shutter_open(),
+            shutter_close=self.shutter_open() + self.shutter_open_time(),
+        )
+
+    def near_clip(self) -> float:
+        """Nearest depth that is rendered, in scene units."""
+        return _item(self.m_near_clip)
+
+    def far_clip(self) -> float:
+        """Farthest depth that is rendered, in scene units."""
+        return _item(self.m_far_clip)
+
+    def focus_distance(self) -> float:
+        """Distance to the focused plane in scene units."""
+        return self.m_lens.focus_distance
+
+    def sample_ray(
+        self,
+        time: mi.Float,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        sample3: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
+        """A ray through the pinhole; ``sample2`` is the position in the crop window, 0 to 1."""
+        wavelengths, weight = self.sample_wavelengths(
+            dr.zeros(mi.SurfaceInteraction3f), sample1, active
+        )
+        position = mi.Point2f(sample2) + self.m_principal_point
+        near_point = self.m_sample_to_camera @ mi.Point3f(position.x, position.y, 0)
+        direction = dr.normalize(mi.Vector3f(near_point))
+
+        to_world = self.world_transform()
+        inv_z = dr.rcp(direction.z)
+        near_t = self.m_near_clip * inv_z
+        far_t = self.m_far_clip * inv_z
+        ray = dr.zeros(mi.Ray3f)
+        ray.time = time
+        ray.wavelengths = wavelengths
+        ray.d = to_world @ direction
+        ray.o = to_world @ mi.Point3f(0, 0, 0) + ray.d * near_t
+        ray.maxt = far_t - near_t
+        return ray, weight
+
+    def bbox(self) -> mi.BoundingBox3f:
+        """The pinhole's position."""
+        return mi.BoundingBox3f(mi.ScalarPoint3f(self._matrix()[:3, 3]))
+
+    def to_string(self) -> str:
+        """Text for the log and for ``print``."""
+        return (
+            f"PotmesilSensor[\n  lens = {self.m_lens},\n  x_fov = {self.m_lens.fov},\n"
+            f"  near_clip = {self.near_clip()},\n  far_clip = {self.far_clip()},\n"
+            f"  film = {self.film()},\n  to_world = {self._matrix().tolist()}\n]"
+        )
+
+
+def _number(props: mi.Properties, name: str, default: float | None = None) -> float:
+    value = props[name] if default is None else props.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{name}={value!r}: must be a number")
+    return float(value)
+
+
+def _item(value: Any) -> float:
+    """A one-element Dr.Jit array, or a number in scalar variants, as a Python number."""
+    return float(value if isinstance(value, (int, float)) else value[0])

@@ -1,0 +1,165 @@
+"""Point samples: what the hidden-surface stage hands to the focus stage.
+
+Section 3.1 of Potmesil & Chakravarty (1981): image coordinates, intensities, depth and surface
+of every sample, with the parameters of the camera.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+
+from .camera import Camera
+from .lens import ThinLens
+
+_COLUMNS = {
+    "x": np.float32,
+    "y": np.float32,
+    "rgb": np.float32,
+    "alpha": np.float32,
+    "z": np.float32,
+    "surface": np.uint32,
+    "weight": np.float32,
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PointSamples:
+    """N point samples of a scene, seen through a pinhole.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``x``, ``y``                  float32 (N,), position in pixels of the whole film, from its
+                                  top left corner; pixel i covers [i, i + 1]
+    ``rgb``                       float32 (N, 3), radiance in linear sRGB, unfiltered
+    ``alpha``                     float32 (N,), 1 where the nested integrator saw something
+    ``z``                         float32 (N,), depth in scene units along the camera's axis,
+                                  > 0; ``inf`` for a ray that hit nothing
+    ``surface``                   uint32 (N,), id of the visible surface; 0 for none
+    ``weight``                    float32 (N,), share of a pixel's area the sample stands for
+    ``camera``, ``lens``          the pinhole that took them, the lens that came with it
+    ``surfaces``                  name of every surface id
+    ``lattice``                   where positions are multiples of 1/lattice pixels: that
+                                  number; 0 where they may be anywhere
+    ============================  ==========================================================
+
+    Samples with NaN or infinite radiance, with a depth or weight that is NaN or not positive, or
+    with a position or weight that is not finite are dropped, with a ``RuntimeWarning`` that counts
+    them. Raises ``ValueError`` for columns of unequal length or wrong shape, and where no
+    sample is left.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    rgb: np.ndarray
+    alpha: np.ndarray
+    z: np.ndarray
+    surface: np.ndarray
+    weight: np.ndarray
+    camera: Camera
+    lens: ThinLens
+    surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
+    lattice: int = 0
+
+    def __post_init__(self) -> None:
+        count = len(self.x)
+        for name, dtype in _COLUMNS.items():
+            column = np.ascontiguousarray(getattr(self, name), dtype=dtype)
+            expected = (count, 3) if name == "rgb" else (count,)
+            if column.shape != expected:
+                raise ValueError(f"{name}: has shape {column.shape}, must have {expected}")
+            object.__setattr__(self, name, column)
+        valid = np.isfinite(self.rgb[:, 0])
+        for values in (self.rgb[:, 1], self.rgb[:, 2], self.x, self.y, self.weight):
+            valid &= np.isfinite(values)
+        valid &= (self.z > 0) & (self.weight > 0)
+        if not valid.all():
+            for name in _COLUMNS:
+                object.__setattr__(self, name, getattr(self, name)[valid])
+            warnings.warn(
+                f"dropped {count - len(self)} of {count} samples: radiance, position or weight "
+                "not finite, or depth or weight not > 0",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+        if len(self) == 0:
+            raise ValueError("no samples: there must be at least one with finite radiance")
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def replace(self, **changes: object) -> PointSamples:
+        """Samples with some fields changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+    def pixel(self) -> np.ndarray:
+        """Index of each sample's pixel in the crop window, row by row, int64 (N,).
+
+        A sample on an edge between pixels belongs to the one on its right or below it; on the
+        crop window's last edge, and beyond the window, to the nearest pixel.
+        """
+        width, height = self.camera.crop_size
+        left, top = self.camera.crop_offset
+        column = np.clip(np.floor(self.x).astype(np.int64) - left, 0, width - 1)
+        row = np.clip(np.floor(self.y).astype(np.int64) - top, 0, height - 1)
+        return row * width + column
+
+    def merge(self, lens: ThinLens | None = None, tolerance: float = 0.1) -> PointSamples:
+        """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
+
+        The rule: samples of one quarter of a pixel (its 2x2 squares), of the same surface and
+        alpha, whose circles of confusion lie within one step of ``tolerance`` pixels, become
+        one. It has the sum of their weights and, weighted by these, the mean of their
+        positions, colours and 1/z, so that the light of a pixel is unchanged.
+        Raises ``ValueError`` for a tolerance that is not > 0.
+        """
+        if not tolerance > 0:
+            raise ValueError(f"tolerance={tolerance}: must be > 0 pixels")
+        circle = (lens or self.lens).circle_of_confusion(self.z.astype(np.float64))
+        pixels_per_mm = self.camera.focal_length_pixels / (lens or self.lens).film_distance
+        step = np.floor(circle * pixels_per_mm / tolerance)
+        quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
+        keys = np.stack([self.pixel(), quarter, self.surface, self.alpha, step])
+        order = np.lexsort(keys[::-1])
+        ordered = keys[:, order]
+        first = np.flatnonzero(
+            np.concatenate([[True], (ordered[:, 1:] != ordered[:, :-1]).any(axis=0)])
+        )
+        weight = self.weight[order].astype(np.float64)
+        total = np.add.reduceat(weight, first)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            scale = weight if values.ndim == 1 else weight[:, None]
+            sums = np.add.reduceat(values[order] * scale, first, axis=0)
+            return sums / (total if values.ndim == 1 else total[:, None])
+
+        with np.errstate(divide="ignore"):
+            z = 1 / mean(1 / self.z.astype(np.float64))
+        return self.replace(
+            x=mean(self.x),
+            y=mean(self.y),
+            rgb=mean(self.rgb),
+            alpha=self.alpha[order][first],
+            z=z,
+            surface=self.surface[order][first],
+            weight=total,
+            lattice=0,
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a deep EXR: see :func:`potmesil_mi.deep_exr.save`."""
+        from . import deep_exr
+
+        deep_exr.save(self, path)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> PointSamples:
+        """Read a deep EXR that :meth:`save` wrote: see :func:`potmesil_mi.deep_exr.load`."""
+        from . import deep_exr
+
+        return deep_exr.load(path)

@@ -1,0 +1,126 @@
+"""Mitsuba's side of the door: what a scene's sensor says about camera and lens."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from .lens import ThinLens
+
+
+def require_vectorised_variant(what: str) -> None:
+    """Raise ``RuntimeError`` unless an LLVM or CUDA variant is set."""
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise RuntimeError(
+            f"{what}: needs a vectorised variant, but mi.variant() is {variant}; call "
+            "mi.set_variant('cuda_ad_rgb', 'llvm_ad_rgb') before the scene is loaded"
+        )
+
+
+def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
+    """The sensor itself, or the scene's sensor of that number."""
+    if isinstance(sensor, mi.Sensor):
+        return sensor
+    count = len(scene.sensors())
+    if not 0 <= sensor < count:
+        raise ValueError(f"sensor={sensor}: the scene has {count}, numbered from 0")
+    return scene.sensors()[sensor]
+
+
+def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
+    """A ``potmesil`` sensor in the place of ``sensor``, with its film and sampler.
+
+    ``lens`` are parameters of :class:`potmesil_mi.ThinLens` that replace what the sensor says.
+    A ``potmesil`` sensor keeps its other parameters. A ``thinlens`` keeps its field of view,
+    aperture and focus; a ``perspective`` its field of view, with an f-number of ``inf`` unless
+    one is given; both are taken as scenes in metres (``millimeters_per_unit`` 1000) on a frame
+    36 mm wide. Raises ``TypeError`` for any other sensor, ``ValueError`` for bad parameters.
+    """
+    if hasattr(sensor, "lens"):
+        if not lens:
+            return sensor
+        thin_lens = sensor.lens().replace(**lens)
+        camera = sensor.camera()
+        to_world = np.array(camera.to_world)
+        clip = {"near_clip": camera.near_clip, "far_clip": camera.far_clip}
+        offset = camera.principal_point_offset
+    else:
+        parameters = mi.traverse(sensor)
+        if "x_fov" not in parameters or "to_world" not in parameters:
+            raise TypeError(
+                f"sensor: must be a potmesil, perspective or thinlens sensor, not "
+                f"{sensor.class_name()}"
+            )
+        thin_lens = _lens_of(parameters, lens)
+        to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+        clip = {name: float(parameters[name]) for name in ("near_clip", "far_clip")}
+        offset = tuple(_item(parameters, f"principal_point_offset_{axis}", 0.0) for axis in "xy")
+    return mi.load_dict(
+        {
+            "type": "potmesil",
+            "id": sensor.id() or "potmesil",
+            "film": sensor.film(),
+            "sampler": sensor.sampler(),
+            "to_world": mi.ScalarTransform4f(to_world),
+            "shutter_open": sensor.shutter_open(),
+            "shutter_close": sensor.shutter_open() + sensor.shutter_open_time(),
+            "principal_point_offset_x": offset[0],
+            "principal_point_offset_y": offset[1],
+            **clip,
+            **thin_lens.parameters(),
+        }
+    )
+
+
+def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:
+    """The lens of a built-in sensor, of which ``lens`` replaces some parameters."""
+    known: dict[str, Any] = {"millimeters_per_unit": 1000.0}
+    if "aperture_radius" in parameters:
+        known["aperture_radius"] = _item(parameters, "aperture_radius")
+        known["focus_distance"] = _item(parameters, "focus_distance")
+    else:
+        known["f_number"] = math.inf
+    if not lens.keys().isdisjoint({"f_number", "aperture_radius"}):
+        known.pop("f_number", None)
+        known.pop("aperture_radius", None)
+    return ThinLens.of_field_of_view(_item(parameters, "x_fov"), **{**known, **lens})
+
+
+def _item(parameters: mi.SceneParameters, name: str, default: float | None = None) -> float:
+    if default is not None and name not in parameters:
+        return default
+    return float(np.array(parameters[name]).ravel()[0])
+
+
+def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
+    """Stable ids of the scene's surfaces.
+
+    Returns a table that turns a shape's place in Dr.Jit's registry into its id, and the name of
+    every id. Ids count from 1 in the order of the names, so that they are the same each time
+    the scene is loaded; 0 is no surface. A shape without a name (an ``id`` in XML) is called by
+    its type and its rank by place and size.
+    """
+    import drjit as dr
+
+    shapes = list(scene.shapes())
+    if not shapes:
+        raise ValueError("scene: is empty, there must be at least one shape")
+    unnamed = sorted((shape for shape in shapes if not shape.id()), key=_place)
+    names = {f"{shape.class_name()}_{rank}": shape for rank, shape in enumerate(unnamed, start=1)}
+    names.update({shape.id(): shape for shape in shapes if shape.id()})
+    places = [
+        int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(names[name]))[0]) for name in sorted(names)
+    ]
+    table = np.zeros(max(places) + 1, dtype=np.uint32)
+    table[places] = np.arange(1, len(places) + 1)
+    return mi.UInt32(table), dict(enumerate(sorted(names), start=1))
+
+
+def _place(shape: mi.Shape) -> tuple[Any, ...]:
+    box = shape.bbox()
+    corners = [float(v) for corner in (box.min, box.max) for v in np.array(corner).ravel()]
+    return shape.class_name(), *corners, shape.primitive_count()

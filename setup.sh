@@ -1,0 +1,126 @@
+#!/usr/bin/env bash
+# Sets everything up: Python and LLVM where they are missing (through apt), and the package with
+# its tests in .venv beside this file. May be run again at any time. Another Python: PYTHON=...
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+
+say() { printf 'setup: %s\n' "$*"; }
+stop() {
+    printf 'setup: %s\n' "$@" >&2
+    exit 1
+}
+
+# ------------------------------------------------------------------ apt
+
+has() { command -v "$1" >/dev/null 2>&1; }
+is_root() { [ "$(id -u)" -eq 0 ]; }
+can_use_apt() { has apt-get && has apt-cache && { is_root || has sudo; }; }
+
+apt_get() {
+    if is_root; then
+        DEBIAN_FRONTEND=noninteractive apt-get -qq -y "$@" </dev/null >/dev/null
+    else
+        sudo DEBIAN_FRONTEND=noninteractive apt-get -qq -y "$@" </dev/null >/dev/null
+    fi
+}
+
+apt_install() {
+    say "installing $* through apt"
+    # The lists may be missing or out of date: fetch them and try once more.
+    apt_get install --no-install-recommends "$@" 2>/dev/null ||
+        { apt_get update && apt_get install --no-install-recommends "$@"; } ||
+        stop "apt could not install $*: see its messages above"
+}
+
+# ------------------------------------------------------------------ Python and its packages
+
+is_usable_python() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; }
+
+find_python() {
+    local name
+    for name in ${PYTHON:-python3 python python3.14 python3.13 python3.12 python3.11 python3.10}; do
+        if has "$name" && is_usable_python "$name"; then
+            command -v "$name"
+            return
+        fi
+    done
+}
+
+make_venv() {
+    local python version
+    python=$(find_python)
+    if [ -z "$python" ]; then
+        [ -z "${PYTHON:-}" ] || stop "PYTHON=$PYTHON is not Python 3.10 or newer"
+        can_use_apt || stop "no Python 3.10 or newer is installed: install python3 and python3-venv"
+        apt_install python3 python3-venv
+        python=$(find_python)
+        [ -n "$python" ] || stop "apt's python3 is older than 3.10: install a newer one" \
+            "(https://www.python.org, conda or Homebrew) and name it: PYTHON=/path/to/python3 $0"
+    fi
+    if ! "$python" -c 'import venv, ensurepip' 2>/dev/null; then
+        version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+        can_use_apt || stop "$python cannot make virtual environments: install its venv module" \
+            "(on Debian and Ubuntu, as root: apt-get install python$version-venv)"
+        apt_install "python$version-venv"
+    fi
+    say "making .venv with $python"
+    "$python" -m venv --clear .venv
+}
+
+if ! { is_usable_python .venv/bin/python && .venv/bin/python -m pip --version; } >/dev/null 2>&1
+then
+    make_venv
+fi
+say "installing the package and its dependencies in .venv"
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+
+# ------------------------------------------------------------------ what Mitsuba's wheels leave out
+
+mitsuba_problem() { .venv/bin/python -c 'import mitsuba' 2>&1; }
+
+if ! problem=$(mitsuba_problem); then
+    case $problem in
+    *libatomic.so.1*)
+        can_use_apt || stop "Mitsuba needs libatomic.so.1 (Debian and Ubuntu: the package libatomic1," \
+            "elsewhere libatomic): install it and run $0 again"
+        apt_install libatomic1
+        ;;
+    esac
+    problem=$(mitsuba_problem) || stop "Mitsuba cannot be imported:" "$problem"
+fi
+
+# ------------------------------------------------------------------ LLVM
+
+# The package's own rule decides; -I keeps its folder off the module path.
+llvm_problem() { .venv/bin/python -I potmesil_mi/llvm.py 2>&1; }
+constant() { sed -n "s/^$1 = //p" potmesil_mi/llvm.py; }
+
+# The tested version's package if apt offers it, else that of the newest usable one.
+llvm_package() {
+    apt-cache search --names-only '^libllvm[0-9]+(t64)?$' |
+        sed -En 's/^(libllvm([0-9]+)(t64)?) .*/\2 \1/p' | sort -n |
+        awk -v least="$(constant MINIMUM_LLVM)" -v tested="$(constant TESTED_LLVM)" '
+            $1 >= least && !found { package = $2 }
+            $1 == tested { found = 1 }
+            END { print package }'
+}
+
+if ! problem=$(llvm_problem); then
+    [ -z "${DRJIT_LIBLLVM_PATH:-}" ] || stop "$problem"
+    has apt-get || stop "$problem" "Then run $0 again."
+    can_use_apt || stop "$problem" "(This needs root or sudo. Then run $0 again.)"
+    package=$(llvm_package)
+    if [ -z "$package" ]; then
+        say "fetching apt's package lists"
+        apt_get update || stop "apt could not fetch its package lists: see its messages above"
+        package=$(llvm_package)
+    fi
+    [ -n "$package" ] || stop \
+        "apt offers no libllvm$(constant MINIMUM_LLVM) or newer here (Ubuntu 22.04 has none)." \
+        "Add the packages of https://apt.llvm.org and run $0 again, or take Python and LLVM from" \
+        "conda (conda install -c conda-forge python libllvm$(constant TESTED_LLVM)) or Homebrew" \
+        "(brew install python llvm)."
+    apt_install "$package"
+    problem=$(llvm_problem) || stop "$problem"
+fi
+say "done: .venv/bin/potmesil --help"
