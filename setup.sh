@@ -29,7 +29,8 @@ apt_install() {
     # The lists may be missing or out of date: fetch them and try once more.
     apt_get install --no-install-recommends "$@" 2>/dev/null ||
         { apt_get update && apt_get install --no-install-recommends "$@"; } ||
-        stop "apt could not install $*: see its messages above"
+        stop "apt could not install $*: see its messages above." \
+            "Install it as root (apt-get install $*), then run $0 again"
 }
 
 # ------------------------------------------------------------------ Python and its packages

@@ -32,7 +32,6 @@ def focus(
     tables: int = 73,
     inverse_square: bool = True,
     squares: int = 2,
-    position_classes: int = 1,
     rfilter: mi.ReconstructionFilter | None = None,
     alpha: bool = False,
 ) -> mi.TensorXf:
@@ -57,8 +56,6 @@ def focus(
                                   ray-traced lens does without
     ``squares``                   each pixel is evaluated as so many squares on a side, 1 to
                                   16 (default 2, the paper's)
-    ``position_classes``          sub-pixel position classes on a side of a square, 1 to 16
-                                  (default 1: four to a pixel, as in the paper)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
     ============================  ==========================================================
@@ -71,7 +68,6 @@ def focus(
         raise ValueError(f"method={method!r}: must be one of {', '.join(METHODS)}")
     _require_whole("tables", tables, 2, MOST_TABLES)
     _require_whole("squares", squares, 1, 16)
-    _require_whole("position_classes", position_classes, 1, 16)
 
     channels = samples.rgb
     if alpha:
@@ -84,7 +80,6 @@ def focus(
         tables=tables,
         inverse_square=inverse_square,
         per_pixel=squares,
-        classes=position_classes,
     )
     return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
 

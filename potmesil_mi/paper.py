@@ -33,14 +33,20 @@ SCATTER = 1 << 23
 """Most samples that are scattered at once; it bounds the memory of a step."""
 
 
+SMALL_REACH = 2
+"""Circles that reach no farther than so many squares are added square by square."""
+
+SMALL_CLASSES = 16
+"""Sub-pixel position classes on a side of a square for small circles, whose place matters most."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Squares:
     """The grid of squares on which equation 20 is evaluated, and where samples lie in it.
 
     Positions are rounded to sub-pixel classes, ``classes`` x ``classes`` in each square, each
-    with a set of tables of its own. Samples on a lattice (the paper's, with its corners, edge
-    middles and centres of pixels) are met exactly where ``classes`` allows it; others are
-    taken at the middle of their class.
+    with a table of its own. Samples on a lattice (the paper's, with its corners, edge middles
+    and centres of pixels) are met exactly; others are taken at the middle of their class.
     """
 
     width: int
@@ -48,36 +54,32 @@ class Squares:
     per_pixel: int
     left: int
     top: int
-    classes: int
-    on_lattice: bool
+    lattice: int
 
     @classmethod
-    def of(cls, samples: PointSamples, per_pixel: int, classes: int) -> Squares:
+    def of(cls, samples: PointSamples, per_pixel: int) -> Squares:
         """The squares of the samples' crop window, ``per_pixel`` x ``per_pixel`` in a pixel."""
         width, height = samples.camera.crop_size
         left, top = samples.camera.crop_offset
-        if samples.lattice > 0:
-            classes = min(classes, math.ceil(samples.lattice / per_pixel))
-        return cls(
-            width * per_pixel,
-            height * per_pixel,
-            per_pixel,
-            left,
-            top,
-            classes,
-            samples.lattice > 0,
-        )
+        return cls(width * per_pixel, height * per_pixel, per_pixel, left, top, samples.lattice)
 
-    def locate(self, positions: np.ndarray, origin: int) -> tuple[np.ndarray, np.ndarray]:
+    def classes(self, reach: int) -> int:
+        """Position classes on a side of a square for circles of that reach in squares."""
+        classes = SMALL_CLASSES if reach <= SMALL_REACH else 2 if reach <= 8 else 1
+        return min(classes, math.ceil(self.lattice / self.per_pixel)) if self.lattice else classes
+
+    def locate(
+        self, positions: np.ndarray, origin: int, classes: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Square and class, along one axis, of positions in pixels of the film."""
-        fine = (positions.astype(np.float64) - origin) * (self.per_pixel * self.classes)
-        rounded = np.rint(fine) if self.on_lattice else np.floor(fine)
-        square, class_ = np.divmod(rounded.astype(np.int32), self.classes)
+        fine = (positions.astype(np.float64) - origin) * (self.per_pixel * classes)
+        rounded = np.rint(fine) if self.lattice else np.floor(fine)
+        square, class_ = np.divmod(rounded.astype(np.int32), classes)
         return square, class_
 
-    def offset(self, class_: int) -> float:
+    def offset(self, class_: int, classes: int) -> float:
         """Where in a square the samples of a class lie, 0 to 1."""
-        return (class_ + (0.0 if self.on_lattice else 0.5)) / self.classes
+        return (class_ + (0.0 if self.lattice else 0.5)) / classes
 
 
 def equation_20(
@@ -89,7 +91,6 @@ def equation_20(
     tables: int,
     inverse_square: bool,
     per_pixel: int,
-    classes: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Q for every square of the crop window, and the weight of the samples in it.
 
@@ -101,7 +102,7 @@ def equation_20(
     Returns Q, float64 (H * per_pixel, W * per_pixel, C), and the weights, without the C.
     A square that no light reaches is 0.
     """
-    squares = Squares.of(samples, per_pixel, classes)
+    squares = Squares.of(samples, per_pixel)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
     largest = max(squares.width, squares.height)
     stack = _TableStack.of(samples.z, tables)
@@ -192,39 +193,69 @@ def _spread(
     light: Callable[[slice], np.ndarray],
     table: Callable[[tuple[float, float]], np.ndarray],
 ) -> None:
-    """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by its table.
+    """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by ``table``.
 
-    ``light`` gives the values, float32 (n, C), of a part of them. Only the rectangle in which
-    the samples lie is convolved, class by class.
+    ``light`` gives the values, float32 (n, C), of a part of them. The samples are gathered by
+    square and class, and each class is convolved with its table, in the rectangle where there
+    are samples; where the table is small, samples are added square by square instead.
     """
     if len(index) == 0:
         return
+    reach = len(table((0.5, 0.5))) // 2
+    classes = squares.classes(reach)
+    small = reach <= SMALL_REACH
+    margin = reach if small else 0
     parts = [slice(start, start + SCATTER) for start in range(0, len(index), SCATTER)]
     (left, right), (top, bottom) = (
-        [int(squares.locate(edge, origin)[0]) for edge in _range(positions, index, parts)]
+        [int(squares.locate(edge, origin, classes)[0]) for edge in _range(positions, index, parts)]
         for positions, origin in ((samples.x, squares.left), (samples.y, squares.top))
     )
-    width, height = right - left + 1, bottom - top + 1
-    channels = target.shape[-1]
-    shape = (squares.classes, squares.classes, height, width, channels)
+    left, top = left - margin, top - margin
+    width, height = right + margin - left + 1, bottom + margin - top + 1
+
+    def kernel(class_: int) -> np.ndarray:
+        class_y, class_x = divmod(class_, classes)
+        return table((squares.offset(class_x, classes), squares.offset(class_y, classes)))
+
+    shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
     for part in parts:
-        x, class_x = squares.locate(samples.x[index[part]], squares.left)
-        y, class_y = squares.locate(samples.y[index[part]], squares.top)
-        place = ((class_y * squares.classes + class_x) * height + (y - top)) * width + (x - left)
-        _scatter_add(gathered, light(part), place)
-    at_sample = np.array(gathered).reshape(shape)
-
-    for class_y, class_x in itertools.product(range(squares.classes), repeat=2):
-        kernel = table((squares.offset(class_x), squares.offset(class_y)))
+        x, class_x = squares.locate(samples.x[index[part]], squares.left, classes)
+        y, class_y = squares.locate(samples.y[index[part]], squares.top, classes)
+        class_ = class_y * classes + class_x
+        place = (y - top) * width + (x - left)
+        if small:
+            _add_small(gathered, light(part), place, width, class_, kernel)
+        else:
+            _scatter_add(gathered, light(part), class_ * (height * width) + place)
+    images = np.array(gathered).reshape(shape)
+    if small:
+        _add(target, images[0], top, left)
+        return
+    for class_, image in enumerate(images):
         with scipy.fft.set_workers(os.cpu_count() or 1):
             spread = scipy.signal.fftconvolve(
-                at_sample[class_y, class_x].astype(np.float64), kernel[..., None], axes=(0, 1)
+                image.astype(np.float64), kernel(class_)[..., None], axes=(0, 1)
             )
-        reach = len(kernel) // 2
-        inside_y, from_y = _overlap(top - reach, spread.shape[0], squares.height)
-        inside_x, from_x = _overlap(left - reach, spread.shape[1], squares.width)
-        target[inside_y, inside_x] += spread[from_y, from_x]
+        _add(target, spread, top - reach, left - reach)
+
+
+def _add_small(
+    target: mi.Float,
+    values: np.ndarray,
+    place: np.ndarray,
+    width: int,
+    class_: np.ndarray,
+    kernel: Callable[[int], np.ndarray],
+) -> None:
+    """Add each row of ``values`` to the squares around its place, by the table of its class."""
+    present, row = np.unique(class_, return_inverse=True)
+    tables = np.stack([kernel(c) for c in present])
+    reach = tables.shape[1] // 2
+    for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
+        column = tables[:, reach + dy, reach + dx].astype(np.float32)
+        if column.any():
+            _scatter_add(target, values * column[row, None], place + dy * width + dx)
 
 
 def _scatter_add(target: mi.Float, values: np.ndarray, place: np.ndarray) -> None:
@@ -248,7 +279,12 @@ def _range(
     return np.min([c.min() for c in chosen]), np.max([c.max() for c in chosen])
 
 
-def _overlap(start: int, length: int, size: int) -> tuple[slice, slice]:
-    """The part of [0, size) that [start, start + length) covers, and that part seen from it."""
-    first, last = max(start, 0), max(min(start + length, size), 0)
-    return slice(first, last), slice(first - start, last - start)
+def _add(target: np.ndarray, image: np.ndarray, top: int, left: int) -> None:
+    """Add ``image`` to ``target`` with its corner at (top, left); what lies outside is lost."""
+    rows, columns = (
+        slice(max(start, 0), max(min(start + length, size), 0))
+        for start, length, size in zip((top, left), image.shape, target.shape, strict=False)
+    )
+    target[rows, columns] += image[
+        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+    ]

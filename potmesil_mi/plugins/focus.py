@@ -34,10 +34,9 @@ class FocusIntegrator(mi.CppADIntegrator):
      * - inverse_square
        - |bool|
        - Weight samples by 1/z², as in the paper. (Default: true)
-     * - squares, position_classes
+     * - squares
        - |int|
-       - Squares on a side of a pixel, and classes of sample positions on a side of a square,
-         1 to 16. (Default: 2 and 1)
+       - Squares on a side of a pixel that are evaluated and averaged, 1 to 16. (Default: 2)
      * - pattern, threshold, subdivisions
        - |string|, |float|, |int|
        - Where the image is sampled, as for ``point_samples``. (Default: sampler)
@@ -50,7 +49,7 @@ class FocusIntegrator(mi.CppADIntegrator):
         self.sampling = wrapper.sampling_parameters(props)
         self.options: dict[str, Any] = {
             name: props[name]
-            for name in ("tables", "inverse_square", "squares", "position_classes")
+            for name in ("tables", "inverse_square", "squares")
             if name in props
         }
         self.method = props.get("method", "paper")
