@@ -64,10 +64,7 @@ def focus(
     Raises ``ValueError`` that names the parameter, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("focus")
-    if method not in METHODS:
-        raise ValueError(f"method={method!r}: must be one of {', '.join(METHODS)}")
-    _require_whole("tables", tables, 2, MOST_TABLES)
-    _require_whole("squares", squares, 1, 16)
+    check_options(method=method, tables=tables, inverse_square=inverse_square, squares=squares)
 
     channels = samples.rgb
     if alpha:
@@ -82,6 +79,18 @@ def focus(
         per_pixel=squares,
     )
     return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
+
+
+def check_options(
+    *, method: str = "paper", tables: int = 73, inverse_square: bool = True, squares: int = 2
+) -> None:
+    """Raise ``ValueError`` or ``TypeError`` for an option that :func:`focus` cannot use."""
+    if method not in METHODS:
+        raise ValueError(f"method={method!r}: must be one of {', '.join(METHODS)}")
+    _require_whole("tables", tables, 2, MOST_TABLES)
+    _require_whole("squares", squares, 1, 16)
+    if not isinstance(inverse_square, bool):
+        raise TypeError(f"inverse_square={inverse_square!r}: must be True or False")
 
 
 def reconstruct(

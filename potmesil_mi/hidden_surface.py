@@ -199,9 +199,8 @@ class _HiddenSurfaceStage:
             differs = (np.abs(rgb - rgb.mean(axis=1, keepdims=True)) > threshold).any(axis=(1, 2))
             if level == subdivisions:
                 differs[:] = False
-            weight += (
-                np.bincount(index[~differs].ravel(), minlength=len(known)) * (side / lattice) ** 2 / 4
-            )
+            quarter = (side / lattice) ** 2 / 4
+            weight += quarter * np.bincount(index[~differs].ravel(), minlength=len(known))
             side //= 2
             x, y = squares[:, differs]
             squares = np.stack(

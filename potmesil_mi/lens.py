@@ -102,8 +102,7 @@ class ThinLens:
             f"beyond the focal length of {focal_length} mm "
             f"(a scene unit is {millimeters_per_unit} mm)",
             lambda x: (
-                x * _host(millimeters_per_unit) - _host(focal_length)
-                > 1e-12 * _host(focal_length)
+                x * _host(millimeters_per_unit) - _host(focal_length) > 1e-12 * _host(focal_length)
             ),
         )
         self.focal_length = focal_length
@@ -180,7 +179,7 @@ class ThinLens:
 
     @property
     def f_number(self) -> Any:
-        """n = F/D, the aperture number."""
+        """N = F/D, the aperture number."""
         if self._f_number is not None:
             return self._f_number
         opening = 2 * self._aperture_radius * self.millimeters_per_unit
@@ -211,7 +210,7 @@ class ThinLens:
 
     @property
     def fov(self) -> float:
-        """Field of view across the frame in degrees, a plain number: 2 atan(W / 2 film_distance)."""
+        """Field of view across the frame, a plain number in degrees."""
         return math.degrees(
             2 * math.atan(float(_host(self.frame_width / (2 * self.film_distance)).item()))
         )

@@ -115,11 +115,14 @@ class PointSamples:
         The rule: samples of one quarter of a pixel (its 2x2 squares), of the same surface and
         alpha, whose circles of confusion lie within one step of ``tolerance`` pixels, become
         one. It has the sum of their weights and, weighted by these, the mean of their
-        positions, colours and 1/z, so that the light of a pixel is unchanged.
+        positions, colours and 1/z, so that the light of a pixel is unchanged. Samples on a
+        lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not tolerance > 0:
             raise ValueError(f"tolerance={tolerance}: must be > 0 pixels")
+        if self.lattice > 0:
+            return self
         circle = (lens or self.lens).circle_of_confusion(self.z.astype(np.float64))
         pixels_per_mm = self.camera.focal_length_pixels / (lens or self.lens).film_distance
         step = np.floor(circle * pixels_per_mm / tolerance)
@@ -148,7 +151,6 @@ class PointSamples:
             z=z,
             surface=self.surface[order][first],
             weight=total,
-            lattice=0,
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -31,6 +31,11 @@ def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
     return scene.sensors()[sensor]
 
 
+def has_lens(sensor: mi.Sensor) -> bool:
+    """Whether the sensor has an aperture: a ``potmesil`` or ``thinlens``."""
+    return hasattr(sensor, "lens") or "aperture_radius" in mi.traverse(sensor)
+
+
 def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
     """A ``potmesil`` sensor in the place of ``sensor``, with its film and sampler.
 

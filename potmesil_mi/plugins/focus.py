@@ -7,9 +7,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..focus import METHODS, focus
+from ..focus import check_options, focus
 from ..hidden_surface import render_samples
-from ..scene import pick_sensor, potmesil_sensor, require_vectorised_variant
+from ..scene import has_lens, pick_sensor, require_vectorised_variant
 from . import wrapper
 
 
@@ -49,12 +49,10 @@ class FocusIntegrator(mi.CppADIntegrator):
         self.sampling = wrapper.sampling_parameters(props)
         self.options: dict[str, Any] = {
             name: props[name]
-            for name in ("tables", "inverse_square", "squares")
+            for name in ("method", "tables", "inverse_square", "squares")
             if name in props
         }
-        self.method = props.get("method", "paper")
-        if self.method not in METHODS:
-            raise ValueError(f"method={self.method!r}: must be one of {', '.join(METHODS)}")
+        check_options(**self.options)
 
     def render(
         self,
@@ -66,20 +64,20 @@ class FocusIntegrator(mi.CppADIntegrator):
         evaluate: bool = True,
     ) -> mi.TensorXf:
         """Render the samples, focus them, and put the picture into the film."""
-        sensor = potmesil_sensor(pick_sensor(scene, sensor))
+        sensor = pick_sensor(scene, sensor)
+        if not has_lens(sensor):
+            raise TypeError("focus: needs a potmesil or thinlens sensor, this one has no lens")
         film = sensor.film()
         samples = render_samples(
             scene, sensor, self.nested, spp=spp, seed=int(seed), sampling=self.sampling
         )
         alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        image = np.array(
-            focus(samples, method=self.method, rfilter=film.rfilter(), alpha=alpha, **self.options)
-        )
+        image = np.array(focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options))
         return wrapper.put_picture(film, image, image[..., :0], [], develop)
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
         return (
-            f"FocusIntegrator[method = {self.method}, options = {self.options}, "
-            f"nested = {self.nested}, sampling = {self.sampling}]"
+            f"FocusIntegrator[options = {self.options}, sampling = {self.sampling}, "
+            f"nested = {self.nested}]"
         )

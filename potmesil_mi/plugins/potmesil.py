@@ -119,11 +119,11 @@ class PotmesilSensor(mi.Sensor):
         to_world[:3, 3] = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
         if not np.isfinite(to_world).all():
             raise ValueError("origin, pan, tilt, swing: must be finite")
-        self.m_to_world = type(self.m_to_world)(to_world)
+        self.m_to_world = type(self.world_transform())(to_world)
 
     def _lens_from(self, props: mi.Properties) -> ThinLens:
         """The lens, with a field of view turned into the millimetres that it stands for."""
-        given = {
+        given: dict[str, Any] = {
             name: _number(props, name)
             for name in ("focal_length", "frame_width", "f_number", "aperture_radius")
             if name in props
@@ -203,10 +203,11 @@ class PotmesilSensor(mi.Sensor):
     def camera(self) -> Camera:
         """The pinhole that takes the samples."""
         film = self.film()
+        size, crop_offset, crop_size = film.size(), film.crop_offset(), film.crop_size()
         return Camera(
-            film_size=tuple(map(int, film.size())),
-            crop_offset=tuple(map(int, film.crop_offset())),
-            crop_size=tuple(map(int, film.crop_size())),
+            film_size=(int(size.x), int(size.y)),
+            crop_offset=(int(crop_offset.x), int(crop_offset.y)),
+            crop_size=(int(crop_size.x), int(crop_size.y)),
             x_fov=self.m_lens.fov,
             to_world=tuple(map(tuple, self._matrix().tolist())),
             near_clip=self.near_clip(),

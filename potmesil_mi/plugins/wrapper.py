@@ -23,11 +23,7 @@ def nested_integrator(props: mi.Properties, plugin: str) -> mi.SamplingIntegrato
 def sampling_parameters(props: mi.Properties) -> Sampling:
     """The sampling pattern that ``props`` ask for."""
     return Sampling(
-        **{
-            name: props[name]
-            for name in ("pattern", "threshold", "subdivisions")
-            if name in props
-        }
+        **{name: props[name] for name in ("pattern", "threshold", "subdivisions") if name in props}
     )
 
 

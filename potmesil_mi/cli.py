@@ -1,0 +1,311 @@
+"""The command line: ``potmesil render``, ``potmesil focus``, ``potmesil dof``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+import mitsuba as mi
+
+from .files import PICTURES, require_writable, write_picture
+from .focus import METHODS, focus
+from .hidden_surface import PATTERNS, Sampling, render_samples
+from .lens import IMAGE_DISTANCES, ThinLens
+from .samples import PointSamples
+from .scene import has_lens, pick_sensor, potmesil_sensor
+
+VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
+
+RENDER_EXAMPLES = """
+examples:
+  potmesil render scenes/figure11.xml -o figure11c.png
+  potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
+  potmesil render kitchen.xml --f-number 2 --focus-distance 1.2 -o kitchen.png --samples kitchen.exr
+
+A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
+perspective, which has no lens, with the one that the options describe; the field of view stays.
+An integrator `focus` in the scene says how; any other gives the radiance.
+"""
+
+FOCUS_EXAMPLES = """
+examples:
+  potmesil focus kitchen.exr --focus-distance 3.5 -o far.png
+  potmesil focus kitchen.exr --f-number 8 --method paper --tables 200 -o sharper.exr
+"""
+
+DOF_EXAMPLES = """
+examples:
+  potmesil dof                      Table 1 of the paper
+  potmesil dof --focal-length 50 --f-number 1.8 --focus-distance 1000 2000 inf
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0, 1 for an error, 130 for Ctrl-C.
+
+    Wrong usage ends in ``SystemExit(2)``.
+    """
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = _show_warning
+    try:
+        options.command(options)
+    except KeyboardInterrupt:
+        print("potmesil: interrupted", file=sys.stderr)
+        return 130
+    except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
+        print(f"potmesil: error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def render(options: argparse.Namespace) -> None:
+    """``potmesil render``: a scene through the lens."""
+    _check_outputs(options.output, options.samples)
+    _set_variant(options.variant)
+    # Optimised loading merges meshes of one material, and with them their ids and names.
+    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    if scene.integrator() is None:
+        raise ValueError(f"{options.scene}: has no integrator")
+    sensor = pick_sensor(scene, options.sensor)
+    lens = _lens_options(options)
+    if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
+        raise ValueError(
+            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
+            "--aperture-radius) and --focus-distance"
+        )
+    sensor = potmesil_sensor(sensor, **lens)
+    integrator = scene.integrator()
+    sampling = getattr(integrator, "sampling", Sampling())
+    samples = render_samples(
+        scene,
+        sensor,
+        integrator,
+        spp=options.spp,
+        seed=options.seed,
+        sampling=Sampling(
+            options.pattern or sampling.pattern,
+            sampling.threshold if options.threshold is None else options.threshold,
+            sampling.subdivisions if options.subdivisions is None else options.subdivisions,
+        ),
+    )
+    if options.samples:
+        samples.save(options.samples)
+    film = sensor.film()
+    picture = focus(
+        samples,
+        rfilter=film.rfilter(),
+        alpha=mi.has_flag(film.flags(), mi.FilmFlags.Alpha),
+        **{**getattr(integrator, "options", {}), **_focus_options(options)},
+    )
+    _write(picture, options.output)
+
+
+def refocus(options: argparse.Namespace) -> None:
+    """``potmesil focus``: samples through another lens."""
+    _check_outputs(options.output)
+    _set_variant(options.variant)
+    samples = PointSamples.load(options.samples)
+    lens = samples.lens.replace(**_lens_options(options))
+    _write(focus(samples, lens, **_focus_options(options)), options.output)
+
+
+def dof(options: argparse.Namespace) -> None:
+    """``potmesil dof``: a table of depths of field."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    unit = "mm" if options.millimeters_per_unit == 1 else "units"
+    digits = 0 if unit == "mm" else 3
+    table = Table(box=SIMPLE, title=f"Depth of field of a {options.focal_length:g} mm lens")
+    for heading in ("Aperture", "Focused distance", "U+", "U-", "Depth of field"):
+        table.add_column(heading if heading == "Aperture" else f"{heading}\n({unit})")
+        table.columns[-1].justify = "right"
+    diameters = []
+    for f_number in options.f_number:
+        for distance in options.focus_distance:
+            lens = ThinLens(
+                options.focal_length,
+                f_number,
+                distance,
+                millimeters_per_unit=options.millimeters_per_unit,
+            )
+            near, far = (round(limit, digits) if math.isfinite(limit) else limit
+                         for limit in lens.depth_of_field())  # fmt: skip
+            table.add_row(
+                f"f/{f_number:g}",
+                f"{distance:g}",
+                *(f"{value:.{digits}f}" for value in (far, near, far - near)),
+            )
+        diameters.append(f"{lens.lens_diameter:.2f} mm at f/{f_number:g}")
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 100)
+    console.print(table)
+    console.print(f"Lens diameter is {', '.join(diameters)}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="potmesil",
+        description="Lens and aperture camera of Potmesil & Chakravarty (1981) for Mitsuba 3.",
+    )
+    parser.add_argument("--version", action="version", version=version("potmesil_mi"))
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    command = _command(
+        commands, "render", "render a Mitsuba scene through the lens", RENDER_EXAMPLES, render
+    )
+    command.add_argument("scene", metavar="SCENE.xml", help="the scene")
+    _add_output(command)
+    command.add_argument(
+        "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
+        help="value of a $KEY in the scene; may be given several times",
+    )  # fmt: skip
+    command.add_argument(
+        "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR"
+    )
+    command.add_argument("--sensor", type=int, default=0, help="number of the sensor (default 0)")
+    command.add_argument(
+        "--spp", type=int, default=0, help="samples a pixel (default: the sampler's count)"
+    )
+    command.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+    group = command.add_argument_group("sampling", "default: what the scene's integrator says")
+    group.add_argument("--pattern", choices=PATTERNS, help="where the image is sampled")
+    group.add_argument(
+        "--threshold", type=float, help="adaptive: intensity difference that is subdivided"
+    )
+    group.add_argument("--subdivisions", type=int, help="adaptive: most subdivisions, 0 to 8")
+    _add_lens(command)
+    _add_method(command)
+
+    command = _command(
+        commands, "focus", "form a picture from point samples", FOCUS_EXAMPLES, refocus
+    )
+    command.add_argument("samples", metavar="SAMPLES.exr", help="deep EXR of `render --samples`")
+    _add_output(command)
+    _add_lens(command)
+    _add_method(command)
+
+    command = _command(
+        commands, "dof", "print depths of field; by default the paper's Table 1", DOF_EXAMPLES, dof
+    )
+    command.add_argument("--focal-length", type=float, default=55.0, help="in mm (default 55)")
+    command.add_argument(
+        "--f-number", type=float, nargs="+", default=[5.6, 11, 22], metavar="N",
+        help="aperture numbers (default 5.6 11 22)",
+    )  # fmt: skip
+    command.add_argument(
+        "--focus-distance", type=float, nargs="+", default=[2000, 980, 550, 290], metavar="U",
+        help="focused distances in scene units; inf is allowed (default 2000 980 550 290)",
+    )  # fmt: skip
+    command.add_argument(
+        "--millimeters-per-unit", type=float, default=1.0, help="size of a scene unit (default 1)"
+    )
+    return parser
+
+
+def _command(commands: Any, name: str, summary: str, examples: str, run: Any) -> Any:
+    command = commands.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(command=run)
+    return command
+
+
+def _add_output(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "-o", "--output", metavar="FILE", action="append", required=True,
+        help="picture to write, linear float .exr or sRGB .png, .jpg; may be given several times",
+    )  # fmt: skip
+    command.add_argument(
+        "-m", "--variant", default=",".join(VARIANTS),
+        help="Mitsuba variants, of which the first that works is taken (default %(default)s)",
+    )  # fmt: skip
+
+
+def _add_lens(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("lens", "default: what the scene or the samples say")
+    group.add_argument("--f-number", type=float, metavar="N", help="aperture number F/D")
+    group.add_argument(
+        "--aperture-radius", type=float, metavar="R", help="in scene units, in place of --f-number"
+    )
+    group.add_argument(
+        "--focus-distance", type=float, metavar="U", help="in scene units along the axis, or inf"
+    )
+    group.add_argument("--focal-length", type=float, metavar="F", help="in mm")
+    group.add_argument("--frame-width", type=float, metavar="W", help="width of the film in mm")
+    group.add_argument(
+        "--millimeters-per-unit", type=float, metavar="S", help="size of a scene unit in mm"
+    )
+    group.add_argument(
+        "--image-distance", choices=IMAGE_DISTANCES, help="film at F, or at the focused image"
+    )
+
+
+def _add_method(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("focus stage")
+    group.add_argument("--method", choices=METHODS, help="paper: equation 20 (default)")
+    group.add_argument("--tables", type=int, help="number of depth tables (default 73)")
+    group.add_argument(
+        "--inverse-square", action=argparse.BooleanOptionalAction,
+        help="weight samples by 1/z^2, as in the paper (default: yes)",
+    )  # fmt: skip
+    group.add_argument("--squares", type=int, help="squares on a side of a pixel (default 2)")
+
+
+def _lens_options(options: argparse.Namespace) -> dict[str, Any]:
+    names = (
+        "f_number",
+        "aperture_radius",
+        "focus_distance",
+        "focal_length",
+        "frame_width",
+        "millimeters_per_unit",
+        "image_distance",
+    )
+    return _given(options, names)
+
+
+def _focus_options(options: argparse.Namespace) -> dict[str, Any]:
+    return _given(options, ("method", "tables", "inverse_square", "squares"))
+
+
+def _given(options: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    values = {name: getattr(options, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _definition(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not key or not equals:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be KEY=VALUE")
+    return key, value
+
+
+def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
+    """Find out before a long rendering that its result cannot be written."""
+    for path in pictures:
+        require_writable(path, PICTURES)
+    if samples:
+        require_writable(samples, [".exr"])
+
+
+def _set_variant(names: str) -> None:
+    mi.set_variant(*names.split(","))
+
+
+def _write(picture: mi.TensorXf, paths: Sequence[str]) -> None:
+    for path in paths:
+        write_picture(picture, path)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"potmesil: warning: {message}", file=sys.stderr)

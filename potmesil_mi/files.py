@@ -1,0 +1,60 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+PICTURES = (".exr", ".png", ".jpg", ".jpeg")
+
+
+def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> Path:
+    """The path, if a file of one of ``suffixes`` can be written there.
+
+    Raises ``ValueError`` for another suffix, ``FileNotFoundError``, ``IsADirectoryError`` or
+    ``PermissionError`` for a place where no file can be made.
+    """
+    path, suffixes = Path(path), tuple(suffixes)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: the name must end in one of {', '.join(suffixes)}")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder, not a file")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise PermissionError(f"{path}: cannot write to {path.parent}: {error.strerror}") from None
+    return path
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A temporary name beside ``path``, which takes its place when the block has succeeded."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        if not temporary.is_file():
+            raise OSError(f"{path}: could not be written")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_picture(image: mi.TensorXf, path: str | os.PathLike[str]) -> None:
+    """Write linear RGB (A): ``.exr`` in float32, ``.png`` and ``.jpg`` in 8-bit sRGB."""
+    path = require_writable(path, PICTURES)
+    bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    if path.suffix.lower() != ".exr":
+        keep_alpha = path.suffix.lower() == ".png" and bitmap.has_alpha()
+        pixel_format = mi.Bitmap.PixelFormat.RGBA if keep_alpha else mi.Bitmap.PixelFormat.RGB
+        bitmap = bitmap.convert(pixel_format, mi.Struct.Type.UInt8, srgb_gamma=True)
+    with written_whole(path) as temporary:
+        bitmap.write(str(temporary))
