@@ -51,9 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Wrong usage ends in ``SystemExit(2)``.
     """
     options = _parser().parse_args(arguments)
-    warnings.showwarning = _show_warning
     try:
-        options.command(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            options.command(options)
     except KeyboardInterrupt:
         print("potmesil: interrupted", file=sys.stderr)
         return 130

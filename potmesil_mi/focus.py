@@ -101,9 +101,9 @@ def reconstruct(
 ) -> np.ndarray:
     """Pixels of a film from ``squares`` x ``squares`` values in each.
 
-    A pixel is the mean of the squares under its filter (box by default), each weighted by the
-    samples in it, float (H, W): all alike on the paper's grid, and elsewhere so that a picture
-    in focus is the mean of each pixel's samples. Where there are none, squares count equally.
+    A pixel is the mean of the squares under its filter (box by default), each weighted by
+    ``weights``, float (H, W): all alike on the paper's grid, and elsewhere so that a picture in
+    focus is the mean of each pixel's samples. Where all weights are 0 it is 0.
     """
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * squares))
@@ -120,15 +120,9 @@ def reconstruct(
             values = np.moveaxis(values, 0, axis)
         return values
 
-    empty = np.repeat(np.repeat(_blocks(weights, squares) <= 0, squares, 0), squares, 1)
-    weights = np.where(empty, 1, weights)[..., None]
-    return filtered(fine * weights) / filtered(weights)
-
-
-def _blocks(values: np.ndarray, size: int) -> np.ndarray:
-    """Sums over size x size blocks."""
-    height, width = (n // size for n in values.shape)
-    return values.reshape(height, size, width, size).sum(axis=(1, 3))
+    weights = weights[..., None]
+    total = filtered(weights)
+    return filtered(fine * weights) / np.where(total == 0, 1, total)
 
 
 def _response(

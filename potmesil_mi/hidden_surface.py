@@ -87,7 +87,8 @@ def render_samples(
         sampling = sampling or integrator.sampling
         integrator = integrator.nested
     if not isinstance(integrator, mi.SamplingIntegrator):
-        raise TypeError(f"integrator={integrator}: must be a sampling integrator, such as path")
+        name = "None" if integrator is None else integrator.class_name()
+        raise TypeError(f"integrator: {name} given, must be a sampling integrator, such as path")
     if mi.has_flag(sensor.film().flags(), mi.FilmFlags.Special):
         raise TypeError("film: must be a film of colours, such as hdrfilm, not a special one")
     sampling = sampling or Sampling()
@@ -123,6 +124,8 @@ class _HiddenSurfaceStage:
         film = sensor.film()
         self.width, self.height = (int(n) for n in film.crop_size())
         self.left, self.top = (int(n) for n in film.crop_offset())
+        if self.width * self.height == 1:
+            raise ValueError("film: has 1x1 pixels, must have more than one")
 
     def run(self, sampling: Sampling) -> dict[str, Any]:
         """The columns of :class:`PointSamples` by the pattern that ``sampling`` names."""

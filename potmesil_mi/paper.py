@@ -92,15 +92,16 @@ def equation_20(
     inverse_square: bool,
     per_pixel: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Q for every square of the crop window, and the weight of the samples in it.
+    """Q for every square of the crop window, and what the square counts in its pixel.
 
     ``channels`` are the intensities c_i, float32 (N, C). ``tables`` stand at equally spaced
     depths between the nearest and the farthest sample; samples at infinity have a table of
     their own. With ``inverse_square`` light falls off as 1/z^2; for want of a finite depth,
     samples at infinity are weighted like the farthest that hit something.
 
-    Returns Q, float64 (H * per_pixel, W * per_pixel, C), and the weights, without the C.
-    A square that no light reaches is 0.
+    Returns Q, float64 (H * per_pixel, W * per_pixel, C), and what each square counts in its
+    pixel, without the C: the weight of the samples in it, or in a pixel without samples the light
+    that reaches it. A square that no light reaches is 0 and counts nothing.
     """
     squares = Squares.of(samples, per_pixel)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
@@ -113,7 +114,9 @@ def equation_20(
     for k in track(range(len(stack.depths)), "Focusing"):
         index, share = stack.shares(k)
 
-        def light(part: slice, index: np.ndarray = index, share: np.ndarray = share) -> np.ndarray:
+        def light_of(
+            part: slice, index: np.ndarray = index, share: np.ndarray = share
+        ) -> np.ndarray:
             i = index[part]
             weight = samples.weight[i] * share[part]
             if inverse_square:
@@ -124,7 +127,7 @@ def equation_20(
         def table(offset: tuple[float, float], depth: float = stack.depths[k]) -> np.ndarray:
             return psf.table(lens, depth, squares_per_mm, offset, largest)
 
-        _spread(sums, squares, samples, index, light, table)
+        _spread(sums, squares, samples, index, light_of, table)
 
     weights = np.zeros((squares.height, squares.width, 1))
     _spread(
@@ -135,11 +138,15 @@ def equation_20(
         lambda part: samples.weight[part, None],
         sharp_table,
     )
-    lit = sums[..., -1] > 1e-12 * sums[..., -1].max()
-    q = mean + sums[..., :-1] / np.where(lit, sums[..., -1], 1)[..., None]
+    light = sums[..., -1]
+    lit = light > 1e-12 * light.max()
+    q = mean + sums[..., :-1] / np.where(lit, light, 1)[..., None]
     # A mean of samples lies between them; what the convolution's rounding adds does not.
     q = np.clip(q, channels.min(axis=0), channels.max(axis=0))
-    return np.where(lit[..., None], q, 0), weights[..., 0]
+    pixels = weights.reshape(len(weights) // per_pixel, per_pixel, -1, per_pixel)
+    sampled = np.broadcast_to(pixels.sum(axis=(1, 3), keepdims=True) > 0, pixels.shape)
+    weights = np.where(sampled.reshape(light.shape), weights[..., 0], light)
+    return np.where(lit[..., None], q, 0), np.where(lit, weights, 0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,12 +197,12 @@ def _spread(
     squares: Squares,
     samples: PointSamples,
     index: np.ndarray,
-    light: Callable[[slice], np.ndarray],
+    light_of: Callable[[slice], np.ndarray],
     table: Callable[[tuple[float, float]], np.ndarray],
 ) -> None:
     """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by ``table``.
 
-    ``light`` gives the values, float32 (n, C), of a part of them. The samples are gathered by
+    ``light_of`` gives the values, float32 (n, C), of a part of them. The samples are gathered by
     square and class, and each class is convolved with its table, in the rectangle where there
     are samples; where the table is small, samples are added square by square instead.
     """
@@ -225,9 +232,9 @@ def _spread(
         class_ = class_y * classes + class_x
         place = (y - top) * width + (x - left)
         if small:
-            _add_small(gathered, light(part), place, width, class_, kernel)
+            _add_small(gathered, light_of(part), place, width, class_, kernel)
         else:
-            _scatter_add(gathered, light(part), class_ * (height * width) + place)
+            _scatter_add(gathered, light_of(part), class_ * (height * width) + place)
     images = np.array(gathered).reshape(shape)
     if small:
         _add(target, images[0], top, left)

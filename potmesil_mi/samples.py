@@ -113,10 +113,10 @@ class PointSamples:
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
 
         The rule: samples of one quarter of a pixel (its 2x2 squares), of the same surface and
-        alpha, whose circles of confusion lie within one step of ``tolerance`` pixels, become
-        one. It has the sum of their weights and, weighted by these, the mean of their
-        positions, colours and 1/z, so that the light of a pixel is unchanged. Samples on a
-        lattice belong to several pixels and stay as they are.
+        alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
+        pixels, become one. It has the sum of their weights and, weighted by these, the mean of
+        their positions, colours and 1/z, so that the light of a pixel is unchanged. Samples on
+        a lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not tolerance > 0:
@@ -125,7 +125,7 @@ class PointSamples:
             return self
         circle = (lens or self.lens).circle_of_confusion(self.z.astype(np.float64))
         pixels_per_mm = self.camera.focal_length_pixels / (lens or self.lens).film_distance
-        step = np.floor(circle * pixels_per_mm / tolerance)
+        step = np.rint(circle * pixels_per_mm / tolerance)
         quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
         keys = np.stack([self.pixel(), quarter, self.surface, self.alpha, step])
         order = np.lexsort(keys[::-1])

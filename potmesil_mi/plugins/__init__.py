@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from types import ModuleType
 
 import mitsuba as mi
 
@@ -21,10 +22,13 @@ PLUGINS = {
 
 def register() -> None:
     """Register every plugin with the variant that is set."""
+    _load("wrapper")
     for name, (kind, class_name) in PLUGINS.items():
-        module_name = f"{__name__}.{name}"
-        if module_name in sys.modules:
-            module = importlib.reload(sys.modules[module_name])
-        else:
-            module = importlib.import_module(module_name)
-        getattr(mi, f"register_{kind}")(name, getattr(module, class_name))
+        getattr(mi, f"register_{kind}")(name, getattr(_load(name), class_name))
+
+
+def _load(name: str) -> ModuleType:
+    module_name = f"{__name__}.{name}"
+    if module_name in sys.modules:
+        return importlib.reload(sys.modules[module_name])
+    return importlib.import_module(module_name)

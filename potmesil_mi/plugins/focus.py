@@ -8,12 +8,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..focus import check_options, focus
-from ..hidden_surface import render_samples
-from ..scene import has_lens, pick_sensor, require_vectorised_variant
-from . import wrapper
+from ..scene import has_lens, pick_sensor
+from .wrapper import WrapperIntegrator
 
 
-class FocusIntegrator(mi.CppADIntegrator):
+class FocusIntegrator(WrapperIntegrator):
     r"""Point samples through a pinhole, then the picture through the lens.
 
     Needs one nested integrator for the radiance, and a ``potmesil`` or ``thinlens`` sensor. The
@@ -42,16 +41,12 @@ class FocusIntegrator(mi.CppADIntegrator):
        - Where the image is sampled, as for ``point_samples``. (Default: sampler)
     """
 
+    plugin = "focus"
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        require_vectorised_variant("focus")
-        self.nested = wrapper.nested_integrator(props, "focus")
-        self.sampling = wrapper.sampling_parameters(props)
-        self.options: dict[str, Any] = {
-            name: props[name]
-            for name in ("method", "tables", "inverse_square", "squares")
-            if name in props
-        }
+        names = ("method", "tables", "inverse_square", "squares")
+        self.options: dict[str, Any] = {name: props[name] for name in names if name in props}
         check_options(**self.options)
 
     def render(
@@ -68,12 +63,10 @@ class FocusIntegrator(mi.CppADIntegrator):
         if not has_lens(sensor):
             raise TypeError("focus: needs a potmesil or thinlens sensor, this one has no lens")
         film = sensor.film()
-        samples = render_samples(
-            scene, sensor, self.nested, spp=spp, seed=int(seed), sampling=self.sampling
-        )
         alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        image = np.array(focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options))
-        return wrapper.put_picture(film, image, image[..., :0], [], develop)
+        samples = self.samples(scene, sensor, seed, spp)
+        image = focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options)
+        return self.put_picture(film, np.array(image), develop=develop)
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

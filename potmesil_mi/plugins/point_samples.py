@@ -9,15 +9,15 @@ import mitsuba as mi
 import numpy as np
 
 from ..focus import focus
-from ..hidden_surface import WAVEFRONT, render_samples
+from ..hidden_surface import WAVEFRONT
 from ..samples import PointSamples
-from ..scene import pick_sensor, require_vectorised_variant
-from . import wrapper
+from ..scene import pick_sensor
+from .wrapper import WrapperIntegrator
 
 AOVS = ("x", "y", "z", "id", "weight")
 
 
-class PointSamplesIntegrator(mi.CppADIntegrator):
+class PointSamplesIntegrator(WrapperIntegrator):
     r"""Point samples of the scene, seen through the pinhole.
 
     :func:`potmesil_mi.render_samples` gives the samples themselves. Rendered by ``mi.render``
@@ -52,11 +52,7 @@ class PointSamplesIntegrator(mi.CppADIntegrator):
        - ``adaptive``: most subdivisions of a pixel, 0 to 8. (Default: 2)
     """
 
-    def __init__(self, props: mi.Properties) -> None:
-        super().__init__(props)
-        require_vectorised_variant("point_samples")
-        self.nested = wrapper.nested_integrator(props, "point_samples")
-        self.sampling = wrapper.sampling_parameters(props)
+    plugin = "point_samples"
 
     def aov_names(self) -> list[str]:
         """Names of the channels beside the colours."""
@@ -72,12 +68,10 @@ class PointSamplesIntegrator(mi.CppADIntegrator):
         evaluate: bool = True,
     ) -> mi.TensorXf:
         """Render the samples and put them into the film."""
-        film = pick_sensor(scene, sensor).film()
-        samples = render_samples(
-            scene, sensor, self.nested, spp=spp, seed=int(seed), sampling=self.sampling
-        )
-        picture = pinhole_picture(samples, film)
-        return wrapper.put_picture(film, picture, pixel_channels(samples), AOVS, develop)
+        sensor = pick_sensor(scene, sensor)
+        samples = self.samples(scene, sensor, seed, spp)
+        picture = pinhole_picture(samples, sensor.film())
+        return self.put_picture(sensor.film(), picture, pixel_channels(samples), AOVS, develop)
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

@@ -1,0 +1,32 @@
+"""Fixtures that set a Mitsuba variant, and the settings of hypothesis."""
+
+import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM  # noqa: F401
+
+# isort: split
+import hypothesis
+import mitsuba as mi
+import pytest
+
+hypothesis.settings.register_profile(
+    "potmesil_mi", derandomize=True, deadline=None, database=None, max_examples=60
+)
+hypothesis.settings.load_profile("potmesil_mi")
+
+
+@pytest.fixture
+def variant_llvm():
+    """`llvm_ad_rgb`, the variant that most tests need."""
+    mi.set_variant("llvm_ad_rgb")
+
+
+@pytest.fixture
+def variant_spectral():
+    """`llvm_ad_spectral`, for what depends on wavelengths."""
+    mi.set_variant("llvm_ad_spectral")
+
+
+@pytest.fixture(params=["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "scalar_rgb"])
+def variants(request):
+    """The test once in every kind of variant; gives the variant's name."""
+    mi.set_variant(request.param)
+    return request.param

@@ -1,0 +1,110 @@
+"""Small scenes for the tests."""
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+import potmesil_mi as pm
+
+SCENES = Path(__file__).parent.parent / "scenes"
+OTHERS = Path(__file__).parent.parent.parent / "shared" / "scenes"
+
+LENS = {"focal_length": 50.0, "frame_width": 40.0, "f_number": 0.25, "focus_distance": 2.0}
+
+
+def diffuse(*rgb):
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": rgb}}
+
+
+def still_life(integrator=None, *, film=None, sensor=None, spp=4, sampler="independent", **shapes):
+    """A sphere at 2 m and a wall at 4 m, lit by a lamp; left and right of the wall is nothing."""
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": integrator or {"type": "path", "max_depth": 3},
+            "sensor": {
+                **({} if "type" in (sensor or {}) else {"type": "potmesil", **LENS}),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 24,
+                    "height": 16,
+                    "pixel_format": "rgb",
+                    "component_format": "float32",
+                    "rfilter": {"type": "box"},
+                    **(film or {}),
+                },
+                "sampler": {"type": sampler, "sample_count": spp},
+                **(sensor or {}),
+            },
+            "ball": {
+                "type": "sphere",
+                "center": [0, 0, 2.3],
+                "radius": 0.3,
+                "bsdf": {
+                    "type": "diffuse",
+                    "reflectance": {"type": "rgb", "value": [0.8, 0.3, 0.1]},
+                },
+            },
+            "wall": {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f()
+                .translate([0, 0, 4])
+                .rotate([0, 1, 0], 180)
+                .scale([1.2, 3, 1]),
+                "bsdf": {
+                    "type": "diffuse",
+                    "reflectance": {"type": "rgb", "value": [0.2, 0.4, 0.7]},
+                },
+            },
+            "lamp": {
+                "type": "point",
+                "position": [2, 3, -1],
+                "intensity": {"type": "rgb", "value": [30, 30, 25]},
+            },
+            **shapes,
+        }
+    )
+
+
+def papers_scene(res=64, **parameters):
+    """Figure 11 of the paper."""
+    return mi.load_file(str(SCENES / "figure11.xml"), optimize=False, res=res, **parameters)
+
+
+def synthetic(count=2000, *, size=(20, 14), seed=0, **fields):
+    """Samples without a scene: random places, colours and depths."""
+    rng = np.random.default_rng(seed)
+    width, height = size
+    camera = pm.Camera(
+        film_size=size,
+        crop_offset=(0, 0),
+        crop_size=size,
+        x_fov=40.0,
+        to_world=tuple(map(tuple, np.eye(4).tolist())),
+    )
+    columns = {
+        "x": rng.uniform(0, width, count),
+        "y": rng.uniform(0, height, count),
+        "rgb": rng.uniform(0, 1, (count, 3)),
+        "alpha": np.ones(count),
+        "z": rng.uniform(1, 5, count),
+        "surface": rng.integers(1, 4, count),
+        "weight": rng.uniform(0.5, 1.5, count),
+        "camera": camera,
+        "lens": pm.ThinLens(50.0, 2.0, 2.0, millimeters_per_unit=1000.0),
+        "surfaces": {1: "one", 2: "two", 3: "three"},
+    }
+    return pm.PointSamples(**{**columns, **fields})
+
+
+def pinhole_mean(samples):
+    """The weighted mean of each pixel's samples, (H, W, 3); NaN where there are none."""
+    width, height = samples.camera.crop_size
+    pixel = samples.pixel()
+    total = np.bincount(pixel, samples.weight, width * height)
+    with np.errstate(invalid="ignore"):
+        rgb = [
+            np.bincount(pixel, samples.weight * c, width * height) / total for c in samples.rgb.T
+        ]
+    return np.stack(rgb, axis=-1).reshape(height, width, 3)

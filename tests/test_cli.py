@@ -1,0 +1,217 @@
+import re
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi import cli
+from scenes import OTHERS, SCENES
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+FIGURE = str(SCENES / "figure11.xml")
+SMALL = ["-D", "res=24", "-D", "spp=4"]
+
+
+def read(path):
+    return np.array(mi.Bitmap(str(path)))
+
+
+def test_render_writes_every_picture_and_the_samples(tmp_path):
+    paths = [tmp_path / name for name in ("a.png", "a.exr", "a.jpg")]
+    outputs = [argument for path in paths for argument in ("-o", str(path))]
+    samples = tmp_path / "samples.exr"
+    assert cli.main(["render", FIGURE, *SMALL, *outputs, "--samples", str(samples)]) == 0
+    assert sorted(tmp_path.iterdir()) == sorted([*paths, samples])
+    linear = read(paths[1])
+    assert linear.shape == (24, 24, 3)
+    assert linear.dtype == np.float32
+    expected = np.array(pm.focus(pm.PointSamples.load(samples)))
+    np.testing.assert_allclose(linear, expected, atol=1e-5)
+    for path in (paths[0], paths[2]):
+        assert read(path).dtype == np.uint8
+    srgb = np.array(
+        mi.Bitmap(expected).convert(srgb_gamma=True, component_format=mi.Struct.Type.UInt8)
+    )
+    assert np.abs(read(paths[0]).astype(int) - srgb).max() <= 1
+
+
+def test_definitions_and_options_change_the_picture(tmp_path):
+    def render(name, *arguments):
+        path = tmp_path / name
+        assert cli.main(["render", FIGURE, *SMALL, *arguments, "-o", str(path)]) == 0
+        return read(path)
+
+    focused = render("a.exr", "-D", "focus_distance=290")
+    np.testing.assert_allclose(render("b.exr", "--focus-distance", "290"), focused, atol=1e-5)
+    assert np.abs(render("c.exr") - focused).max() > 0.01
+    other = render("d.exr", "--focus-distance", "290", "--no-inverse-square", "--tables", "9")
+    assert np.abs(other - focused).max() > 0.01
+    grid = render("e.exr", "--pattern", "uniform", "--focus-distance", "290")
+    assert 0 < np.sqrt(np.mean((grid - focused) ** 2)) < 0.1
+
+
+def test_kept_samples_are_refocused(tmp_path):
+    samples, path = tmp_path / "samples.exr", tmp_path / "far.exr"
+    first = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.exr"), "--samples", str(samples)]
+    assert cli.main(first) == 0
+    refocus = ["focus", str(samples), "--focus-distance", "980", "--f-number", "2", "-o", str(path)]
+    assert cli.main(refocus) == 0
+    loaded = pm.PointSamples.load(samples)
+    lens = loaded.lens.replace(focus_distance=980, f_number=2)
+    np.testing.assert_allclose(read(path), np.array(pm.focus(loaded, lens)), atol=1e-5)
+
+
+PERSPECTIVE = """<scene version="3.0.0">
+  <integrator type="direct"/><emitter type="constant"/>
+  <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="3"/></shape>
+  <sensor type="{}"><float name="fov" value="60"/>{}
+    <film type="hdrfilm"><integer name="width" value="20"/>
+      <integer name="height" value="14"/></film>
+    <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
+  </sensor></scene>"""
+THINLENS = '<float name="aperture_radius" value="0.05"/><float name="focus_distance" value="2"/>'
+
+
+def test_a_perspective_scene_is_rendered_through_a_lens_unedited(tmp_path):
+    scene, out, samples = (tmp_path / name for name in ("scene.xml", "out.exr", "samples.exr"))
+    scene.write_text(PERSPECTIVE.format("perspective", ""))
+    lens = ["--f-number", "2", "--focus-distance", "1.2"]
+    arguments = ["render", str(scene), *lens, "-o", str(out), "--samples", str(samples)]
+    assert cli.main(arguments) == 0
+    loaded = pm.PointSamples.load(samples)
+    assert loaded.lens.f_number == 2
+    assert loaded.lens.focus_distance == 1.2
+    assert loaded.camera.x_fov == pytest.approx(60, abs=1e-4)
+
+
+def test_a_perspective_scene_without_a_lens_is_asked_for_one(tmp_path, capsys):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(PERSPECTIVE.format("perspective", ""))
+    out = tmp_path / "out.png"
+    assert cli.main(["render", str(scene), "--focus-distance", "2", "-o", str(out)]) == 1
+    assert "--f-number" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_thinlens_scene_keeps_its_aperture_and_focus(tmp_path):
+    scene, samples = tmp_path / "scene.xml", tmp_path / "samples.exr"
+    scene.write_text(PERSPECTIVE.format("thinlens", THINLENS))
+    out = ["-o", str(tmp_path / "out.png"), "--samples", str(samples)]
+    assert cli.main(["render", str(scene), *out]) == 0
+    lens = pm.PointSamples.load(samples).lens
+    assert lens.aperture_radius == pytest.approx(0.05)
+    assert lens.focus_distance == pytest.approx(2)
+
+
+@pytest.mark.parametrize(
+    ("scene", "options"),
+    [
+        ("cbox/cbox-rgb.xml", ["--focus-distance", "1000", "--millimeters-per-unit", "1"]),
+        ("matpreview/matpreview.xml", ["--focus-distance", "5.2"]),
+    ],
+)
+def test_scenes_of_others_are_rendered_through_a_lens(tmp_path, scene, options):
+    if not (OTHERS / scene).exists():
+        pytest.skip(f"{scene} is not here")
+    out = tmp_path / "out.exr"
+    small = ["-D", "spp=4", *(["-D", "res=48"] if "cbox" in scene else ["-D", "width=64"])]
+    small += [] if "cbox" in scene else ["-D", "height=48"]
+    arguments = ["render", str(OTHERS / scene), *small, "--f-number", "1.4", *options]
+    assert cli.main([*arguments, "-o", str(out)]) == 0
+    image = read(out)
+    assert image.shape[0] == 48
+    assert np.isfinite(image).all()
+    assert 0.02 < image.mean() < 2
+
+
+# ---------------------------------------------------------------- dof
+
+
+def test_dof_prints_table_1(capsys):
+    assert cli.main(["dof"]) == 0
+    text = capsys.readouterr().out
+    rows = [re.findall(r"[\d.]+", line) for line in text.splitlines() if "f/" in line][:12]
+    assert rows[0] == ["5.6", "2000", "2511", "1662", "849"]
+    assert rows[3] == ["5.6", "290", "299", "282", "17"]
+    assert rows[8] == ["22", "2000", "10000", "1111", "8889"]
+    assert rows[11] == ["22", "290", "328", "260", "68"]
+    assert "9.82 mm at f/5.6, 5.00 mm at f/11, 2.50 mm at f/22" in text
+
+
+def test_dof_prints_any_lens_in_scene_units(capsys):
+    lens = ["--focal-length", "50", "--f-number", "1.8", "--millimeters-per-unit", "1000"]
+    assert cli.main(["dof", *lens, "--focus-distance", "1.5", "inf"]) == 0
+    text = capsys.readouterr().out
+    assert "1.423" in text
+    assert "inf" in text
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["render", "nothing.xml", "-o", "{}/a.png"], "nothing.xml"),
+        (["render", FIGURE, "-o", "{}/a.tiff"], r"a\.tiff.*\.exr, \.png"),
+        (["render", FIGURE, "-o", "{}/no/a.png"], "there is no folder"),
+        (
+            ["render", FIGURE, "-o", "{}/a.png", "--samples", "{}/a.png"],
+            r"end in one of \.exr",
+        ),
+        (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--f-number", "0"], "f_number=0"),
+        (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--focus-distance", "50"], "focus_distance"),
+        (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--tables", "1"], "tables=1"),
+        (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--sensor", "5"], "sensor=5"),
+        (["render", FIGURE, "-D", "colour=red", "-o", "{}/a.png"], "colour"),
+        (["focus", "nothing.exr", "-o", "{}/a.png"], "nothing.exr"),
+        (["focus", FIGURE, "-o", "{}/a.png"], "is not an EXR"),
+        (["dof", "--f-number", "-1"], "f_number=-1"),
+        (["render", FIGURE, *SMALL, "-m", "llvm_rgb", "-o", "{}/a.png"], "llvm_rgb"),
+    ],
+)
+def test_an_error_is_one_line_with_exit_code_1_and_no_file(tmp_path, capsys, arguments, text):
+    assert cli.main([argument.format(tmp_path) for argument in arguments]) == 1
+    message = capsys.readouterr().err
+    assert re.search(text, message)
+    assert "potmesil: error:" in message
+    assert "Traceback" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unwritable_output_is_found_before_rendering(tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "render_samples", lambda *_, **__: pytest.fail("rendering started"))
+    (tmp_path / "a.png").mkdir()
+    assert cli.main(["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.png")]) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["paint"], ["render", FIGURE], ["render", FIGURE, "-o", "a.png", "-D", "res"]],
+)
+def test_wrong_usage_ends_with_exit_code_2(arguments):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(arguments)
+    assert caught.value.code == 2
+
+
+def test_ctrl_c_ends_with_exit_code_130_and_no_file(tmp_path, monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "focus", interrupted)
+    assert cli.main(["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.png")]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["render", "focus", "dof"])
+def test_help_has_units_and_examples(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main([command, "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert "examples:" in text
+    assert "in mm" in text

@@ -1,0 +1,282 @@
+import subprocess
+import sys
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi import deep_exr
+from scenes import papers_scene, pinhole_mean, synthetic
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+
+# ---------------------------------------------------------------- what samples must be
+
+
+@pytest.mark.parametrize(
+    ("field", "bad"),
+    [
+        ("rgb", np.nan),
+        ("rgb", np.inf),
+        ("z", np.nan),
+        ("z", -1.0),
+        ("x", np.inf),
+        ("weight", 0.0),
+    ],
+)
+def test_bad_samples_are_dropped_and_counted(field, bad):
+    good = synthetic(100)
+    column = getattr(good, field).copy()
+    column[[3, 50]] = bad
+    with pytest.warns(RuntimeWarning, match="dropped 2 of 100 samples"):
+        samples = good.replace(**{field: column})
+    assert len(samples) == 98
+    np.testing.assert_array_equal(samples.y, np.delete(good.y, [3, 50]))
+    assert np.isfinite(np.array(pm.focus(samples))).all()
+
+
+def test_no_samples_at_all_are_refused():
+    with pytest.raises(ValueError, match="no samples"):
+        synthetic(0)
+    good = synthetic(5)
+    with (
+        pytest.warns(RuntimeWarning, match="dropped 5 of 5"),
+        pytest.raises(ValueError, match="no samples"),
+    ):
+        good.replace(rgb=np.full((5, 3), np.nan))
+
+
+def test_columns_of_the_wrong_shape_are_named():
+    with pytest.raises(ValueError, match=r"z: has shape \(3,\), must have \(5,\)"):
+        synthetic(5, z=np.ones(3))
+    with pytest.raises(ValueError, match="rgb: has shape"):
+        synthetic(5, rgb=np.ones((5, 4)))
+
+
+def test_a_sample_on_the_films_last_edge_belongs_to_the_last_pixel():
+    samples = synthetic(3, x=[0.0, 19.999, 20.0], y=[0.0, 13.5, 14.0])
+    np.testing.assert_array_equal(samples.pixel(), [0, 13 * 20 + 19, 13 * 20 + 19])
+
+
+# ---------------------------------------------------------------- merging
+
+
+def test_merging_keeps_the_light_of_every_pixel():
+    samples = synthetic(20_000)
+    merged = samples.merge(tolerance=3.0)
+    assert len(merged) < len(samples) / 2
+    np.testing.assert_allclose(pinhole_mean(merged), pinhole_mean(samples), atol=1e-5)
+    assert merged.weight.sum() == pytest.approx(samples.weight.sum(), rel=1e-5)
+
+
+def test_merging_joins_only_what_the_rule_allows():
+    here = {"x": [1.1, 1.2, 1.7, 1.1], "y": [1.1] * 4, "z": [2.0, 2.0001, 2.0, 2.0]}
+    surface = [1, 1, 1, 2]
+    samples = synthetic(4, **here, surface=surface, weight=[1, 3, 1, 1])
+    merged = samples.merge()
+    assert len(merged) == 3
+    joined = merged.weight == 4
+    assert merged.x[joined] == pytest.approx(1.175)
+    assert 1 / merged.z[joined] == pytest.approx((1 / 2.0 + 3 / 2.0001) / 4)
+    np.testing.assert_allclose(
+        merged.rgb[joined][0], (samples.rgb[0] + 3 * samples.rgb[1]) / 4, rtol=1e-6
+    )
+
+
+def test_merging_by_a_finer_step_changes_the_picture_less():
+    samples = pm.render_samples(papers_scene(64), spp=64)
+    lens = samples.lens.replace(f_number=2.8)
+    image = np.array(pm.focus(samples, lens))
+    errors, counts = [], []
+    for tolerance in (4.0, 0.1):
+        merged = samples.merge(lens, tolerance)
+        counts.append(len(merged))
+        errors.append(np.sqrt(np.mean((np.array(pm.focus(merged, lens)) - image) ** 2)))
+    assert counts[0] < counts[1] < len(samples) / 4
+    assert errors[1] < 2e-3
+    assert errors[1] <= errors[0]
+
+
+def test_samples_on_a_lattice_are_not_merged():
+    samples = synthetic(50, lattice=2)
+    assert samples.merge() is samples
+
+
+def test_a_bad_tolerance_is_named():
+    with pytest.raises(ValueError, match="tolerance=0"):
+        synthetic(5).merge(tolerance=0)
+
+
+# ---------------------------------------------------------------- deep EXR
+
+
+@pytest.mark.parametrize("pattern", ["sampler", "uniform", "adaptive"])
+def test_a_saved_file_gives_the_same_picture(tmp_path, pattern):
+    samples = pm.render_samples(papers_scene(48), spp=4, sampling=pm.Sampling(pattern))
+    samples.save(tmp_path / "samples.exr")
+    loaded = pm.PointSamples.load(tmp_path / "samples.exr")
+    assert loaded.lens == samples.lens
+    assert loaded.camera == samples.camera
+    assert loaded.surfaces == samples.surfaces == {1: "background", 2: "cube", 3: "sphere"}
+    assert loaded.lattice == samples.lattice
+    np.testing.assert_allclose(
+        np.array(pm.focus(loaded)), np.array(pm.focus(samples)), rtol=1e-5, atol=1e-6
+    )
+
+
+def test_every_column_survives_a_file(tmp_path):
+    samples = synthetic(3000, alpha=np.arange(3000) % 3 / 2)
+    samples = samples.replace(z=np.where(np.arange(3000) % 7, samples.z, np.inf))
+    samples.save(tmp_path / "samples.exr")
+    loaded = pm.PointSamples.load(tmp_path / "samples.exr")
+
+    def ordered(s):
+        return np.lexsort([s.y, s.x])
+
+    for name in ("x", "y", "z", "surface", "weight", "alpha"):
+        np.testing.assert_array_equal(
+            getattr(loaded, name)[ordered(loaded)], getattr(samples, name)[ordered(samples)], name
+        )
+    np.testing.assert_allclose(
+        loaded.rgb[ordered(loaded)], samples.rgb[ordered(samples)], rtol=3e-7
+    )
+
+
+def test_flattening_the_deep_pixels_gives_the_pinhole_picture(tmp_path):
+    samples = synthetic(5000, alpha=np.arange(5000) % 2)
+    samples.save(tmp_path / "samples.exr")
+    with OpenEXR.File(str(tmp_path / "samples.exr"), separate_channels=True) as file:
+        channels = {name: file.channels()[name].pixels for name in ("R", "G", "B", "A", "Z")}
+    expected = pinhole_mean(samples)
+    for y, x in [(0, 0), (7, 11), (13, 19)]:
+        assert (np.diff(channels["Z"][y, x]) >= 0).all()
+        colour, clear = np.zeros(3), 1.0
+        for i, alpha in enumerate(channels["A"][y, x]):
+            colour += clear * np.array([channels[c][y, x][i] for c in "RGB"])
+            clear *= 1 - alpha
+        np.testing.assert_allclose(colour, expected[y, x], rtol=1e-5)
+        here = samples.pixel() == y * 20 + x
+        coverage = np.average(samples.alpha[here], weights=samples.weight[here])
+        assert 1 - clear == pytest.approx(coverage, abs=1e-5)
+
+
+def test_the_header_says_what_other_readers_look_for(tmp_path):
+    camera = pm.Camera((40, 30), (5, 6), (20, 14), 40.0, synthetic(1).camera.to_world)
+    samples = synthetic(500, camera=camera)
+    samples = samples.replace(x=samples.x + 5, y=samples.y + 6)
+    samples.save(tmp_path / "samples.exr")
+    with OpenEXR.File(str(tmp_path / "samples.exr"), header_only=True) as file:
+        header = dict(file.header())
+    assert header["type"] == OpenEXR.deepscanline
+    np.testing.assert_array_equal(header["displayWindow"], [[0, 0], [39, 29]])
+    np.testing.assert_array_equal(header["dataWindow"], [[5, 6], [24, 19]])
+    assert header["aperture"] == 2
+    assert header["focus"] == 2
+    assert {e.id(): e.text() for e in header["idManifest"][0]} == {
+        1: ["one"],
+        2: ["two"],
+        3: ["three"],
+    }
+    assert pm.PointSamples.load(tmp_path / "samples.exr").camera == camera
+
+
+def test_empty_pixels_are_saved_and_loaded(tmp_path):
+    samples = synthetic(3, x=[1.5, 1.6, 9.5], y=[2.5, 2.5, 3.5])
+    samples.save(tmp_path / "samples.exr")
+    assert len(pm.PointSamples.load(tmp_path / "samples.exr")) == 3
+
+
+def flat_exr(path):
+    with OpenEXR.File(
+        {"type": OpenEXR.scanlineimage}, {"RGB": np.zeros((4, 4, 3), np.float32)}
+    ) as file:
+        file.write(str(path))
+
+
+def foreign_deep_exr(path):
+    pixels = np.empty((1, 1), dtype=object)
+    pixels[0, 0] = np.ones(2, dtype=np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    with OpenEXR.File(header, {"R": pixels, "Z": pixels}) as file:
+        file.write(str(path))
+
+
+def truncated_exr(path):
+    synthetic(500).save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+
+
+def damaged_exr(path):
+    synthetic(500).save(path)
+    path.write_bytes(path.read_bytes().replace(b'"focal_length"', b'"vocal_length"'))
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (flat_exr, "does not hold point samples"),
+        (foreign_deep_exr, "does not hold point samples"),
+        (truncated_exr, "truncated or damaged"),
+        (damaged_exr, "damaged or not of this version"),
+        (lambda path: path.write_text("no picture"), "is not an EXR file"),
+        (lambda path: path.write_bytes(b""), "is not an EXR file"),
+    ],
+)
+def test_a_file_that_holds_no_samples_is_refused(tmp_path, make, text):
+    path = tmp_path / "file.exr"
+    make(path)
+    with pytest.raises(ValueError, match=text) as caught:
+        pm.PointSamples.load(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.exr"):
+        pm.PointSamples.load(tmp_path / "nothing.exr")
+
+
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    path = tmp_path / "samples.exr"
+    path.write_text("precious")
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(deep_exr, "_header", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        synthetic(50).save(path)
+    assert path.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("samples.png", ValueError),
+        ("missing/samples.exr", FileNotFoundError),
+        ("folder.exr", IsADirectoryError),
+    ],
+)
+def test_a_name_that_cannot_be_saved_to_is_refused(tmp_path, name, error):
+    (tmp_path / "folder.exr").mkdir()
+    with pytest.raises(error, match=name):
+        synthetic(5).save(tmp_path / name)
+
+
+def test_files_are_the_same_whatever_process_wrote_them(tmp_path):
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')\n"
+        "from scenes import synthetic; synthetic(200).save(sys.argv[2])"
+    )
+    from pathlib import Path
+
+    for name in ("a.exr", "b.exr"):
+        subprocess.run(
+            [sys.executable, "-c", code, str(Path(__file__).parent), str(tmp_path / name)],
+            check=True,
+        )
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
