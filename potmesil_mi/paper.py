@@ -39,6 +39,8 @@ SMALL_REACH = 2
 SMALL_CLASSES = 16
 """Sub-pixel position classes on a side of a square for small circles, whose place matters most."""
 
+NO_CLASSES = np.empty(0, dtype=np.int32)
+
 
 @dataclasses.dataclass(frozen=True)
 class Squares:
@@ -224,6 +226,8 @@ def _spread(
         class_y, class_x = divmod(class_, classes)
         return table((squares.offset(class_x, classes), squares.offset(class_y, classes)))
 
+    present = np.zeros(classes**2, dtype=bool)
+    kernels = np.zeros((classes**2, 2 * reach + 1, 2 * reach + 1))
     shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
     for part in parts:
@@ -231,50 +235,58 @@ def _spread(
         y, class_y = squares.locate(samples.y[index[part]], squares.top, classes)
         class_ = class_y * classes + class_x
         place = (y - top) * width + (x - left)
+        for new in np.flatnonzero((np.bincount(class_, minlength=classes**2) > 0) & ~present):
+            kernels[new], present[new] = kernel(int(new)), True
         if small:
-            _add_small(gathered, light_of(part), place, width, class_, kernel)
+            _scatter_add(gathered, light_of(part), place, width, kernels, class_)
         else:
             _scatter_add(gathered, light_of(part), class_ * (height * width) + place)
     images = np.array(gathered).reshape(shape)
     if small:
         _add(target, images[0], top, left)
         return
-    for class_, image in enumerate(images):
+    for class_ in np.flatnonzero(present):
         with scipy.fft.set_workers(os.cpu_count() or 1):
             spread = scipy.signal.fftconvolve(
-                image.astype(np.float64), kernel(class_)[..., None], axes=(0, 1)
+                images[class_].astype(np.float64), kernels[class_][..., None], axes=(0, 1)
             )
         _add(target, spread, top - reach, left - reach)
 
 
-def _add_small(
+def _scatter_add(
     target: mi.Float,
     values: np.ndarray,
     place: np.ndarray,
-    width: int,
-    class_: np.ndarray,
-    kernel: Callable[[int], np.ndarray],
+    width: int = 0,
+    kernels: np.ndarray | None = None,
+    class_: np.ndarray = NO_CLASSES,
 ) -> None:
-    """Add each row of ``values`` to the squares around its place, by the table of its class."""
-    present, row = np.unique(class_, return_inverse=True)
-    tables = np.stack([kernel(c) for c in present])
-    reach = tables.shape[1] // 2
-    for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
-        column = tables[:, reach + dy, reach + dx].astype(np.float32)
-        if column.any():
-            _scatter_add(target, values * column[row, None], place + dy * width + dx)
+    """Add each row of ``values``, (n, C), to the C elements of ``target`` at its place.
 
-
-def _scatter_add(target: mi.Float, values: np.ndarray, place: np.ndarray) -> None:
-    """Add each row of ``values``, (n, C), to the C elements of ``target`` at its place."""
-    channels = values.shape[1]
-    lane = dr.arange(mi.UInt32, values.size)
-    row = lane // channels
-    first = dr.gather(mi.UInt32, mi.UInt32(place.astype(np.uint32)), row) * channels
+    With ``kernels``, (classes, K, K), it is spread over the K x K places around, in rows of
+    ``width``, by the kernel of its class.
+    """
     # Auto would choose Local for large targets, several times slower with LLVM.
     llvm = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
     mode = dr.ReduceMode.Expand if llvm else dr.ReduceMode.Auto
-    dr.scatter_add(target, mi.Float(values.ravel()), first + lane - row * channels, mode=mode)
+    channels = values.shape[1]
+    lane = dr.arange(mi.UInt32, values.size)
+    row = lane // channels
+    index = dr.gather(mi.UInt32, mi.UInt32(place.astype(np.uint32)), row) * channels
+    index += lane - row * channels
+    value = mi.Float(values.ravel())
+    if kernels is None:
+        dr.scatter_add(target, value, index, mode=mode)
+    else:
+        size = kernels.shape[1]
+        flat = mi.Float(kernels.ravel())
+        first = dr.gather(mi.UInt32, mi.UInt32(class_.astype(np.uint32)), row) * size**2
+        for i, (dy, dx) in enumerate(itertools.product(range(size), repeat=2)):
+            if kernels[:, dy, dx].any():
+                offset = (dy - size // 2) * width + dx - size // 2
+                share = dr.gather(mi.Float, flat, first + i)
+                around = mi.UInt32(mi.Int32(index) + offset * channels)
+                dr.scatter_add(target, value * share, around, mode=mode)
     dr.eval(target)
 
 
