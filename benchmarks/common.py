@@ -105,6 +105,15 @@ def peak_memory() -> float:
     return peak / 2**30 if sys.platform == "darwin" else peak / 2**20
 
 
+def memory_now() -> str:
+    """Memory that this process has now, in GiB, where the system tells."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return ""
+    return f"{pages * resource.getpagesize() / 2**30:.2f}"
+
+
 def write_png(path: Path, picture: np.ndarray) -> None:
     """Write linear RGB as an sRGB picture."""
     path.parent.mkdir(parents=True, exist_ok=True)

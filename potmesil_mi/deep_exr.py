@@ -92,10 +92,7 @@ def load(path: str | os.PathLike[str]) -> PointSamples:
 
 def _header(samples: PointSamples) -> dict[str, Any]:
     camera, lens = samples.camera, samples.lens
-    parameters: dict[str, Any] = {
-        name: value if isinstance(value, str) else float(np.asarray(value).item())
-        for name, value in lens.parameters().items()
-    }
+    parameters = lens.to_dict()
     left, top = camera.crop_offset
 
     def window(x: int, y: int, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +115,7 @@ def _header(samples: PointSamples) -> dict[str, Any]:
         "displayWindow": window(0, 0, *camera.film_size),
         "dataWindow": window(left, top, *camera.crop_size),
         "idManifest": manifest,
-        "aperture": float(parameters.get("f_number", lens.f_number)),
+        "aperture": float(ThinLens(**parameters).f_number),
         "focus": parameters["focus_distance"] * parameters["millimeters_per_unit"] / 1000,
         "nominalFocalLength": parameters["focal_length"],
         "potmesil:camera": json.dumps(camera.to_dict()),

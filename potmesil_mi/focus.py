@@ -66,14 +66,11 @@ def focus(
     require_vectorised_variant("focus")
     check_options(method=method, tables=tables, inverse_square=inverse_square, squares=squares)
 
-    channels = samples.rgb
-    if alpha:
-        channels = np.concatenate([channels, samples.alpha[:, None]], axis=1)
     fine, weights = equation_20(
         samples,
-        lens or samples.lens,
+        ThinLens(**(lens or samples.lens).to_dict()),
         psf or Disc(),
-        channels,
+        alpha=alpha,
         tables=tables,
         inverse_square=inverse_square,
         per_pixel=squares,

@@ -129,6 +129,10 @@ class ThinLens:
         """
         if not 0 < fov < 180:
             raise ValueError(f"fov={fov}: must be > 0 and < 180 degrees")
+        if focal_length is not None and frame_width is not None:
+            raise ValueError(
+                f"fov={fov}: cannot be combined with both focal_length and frame_width"
+            )
         slope = 2 * math.tan(math.radians(fov) / 2)
         if focal_length is not None:
             lens = cls(focal_length, **parameters)
@@ -157,6 +161,13 @@ class ThinLens:
         else:
             parameters["aperture_radius"] = self._aperture_radius
         return parameters
+
+    def to_dict(self) -> dict[str, Any]:
+        """:meth:`parameters` as JSON-ready values; a parameter of several elements is an error."""
+        return {
+            name: value if isinstance(value, str) else float(_host(value).item())
+            for name, value in self.parameters().items()
+        }
 
     def replace(self, **changes: Any) -> ThinLens:
         """A lens with some constructor arguments changed.
@@ -240,6 +251,7 @@ class ThinLens:
 
     def hyperfocal_distance(self, acuity: float = ACUITY) -> Any:
         """H = D / acuity in scene units, 1000 F/n by default (section 2.2)."""
+        _require("acuity", acuity, "> 0 radians", _positive_finite)
         return self.lens_diameter / (acuity * self.millimeters_per_unit)
 
     def depth_of_field(self, acuity: float = ACUITY) -> DepthOfField:
@@ -306,7 +318,8 @@ def _require(name: str, value: Any, allowed: str, test: Any) -> None:
         raise TypeError(f"{name}={value!r}: must be a number {allowed}")
     passed = test(values)
     if not np.all(passed):
-        shown = value if np.ndim(values) == 0 else values[~np.broadcast_to(passed, values.shape)][0]
+        values, passed = np.broadcast_arrays(values, passed)
+        shown = value if np.ndim(value) == 0 else values[~passed][0]
         raise ValueError(f"{name}={shown}: must be {allowed}")
 
 

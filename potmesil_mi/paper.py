@@ -16,7 +16,7 @@ import dataclasses
 import itertools
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import drjit as dr
 import mitsuba as mi
@@ -88,17 +88,17 @@ def equation_20(
     samples: PointSamples,
     lens: ThinLens,
     psf: PointSpreadFunction,
-    channels: np.ndarray,
     *,
+    alpha: bool,
     tables: int,
     inverse_square: bool,
     per_pixel: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Q for every square of the crop window, and what the square counts in its pixel.
 
-    ``channels`` are the intensities c_i, float32 (N, C). ``tables`` stand at equally spaced
-    depths between the nearest and the farthest sample; samples at infinity have a table of
-    their own. With ``inverse_square`` light falls off as 1/z^2; for want of a finite depth,
+    The C intensities c_i are R, G, B and with ``alpha`` that too. ``tables`` stand at equally
+    spaced depths between the nearest and the farthest sample; samples at infinity have a table
+    of their own. With ``inverse_square`` light falls off as 1/z^2; for want of a finite depth,
     samples at infinity are weighted like the farthest that hit something.
 
     Returns Q, float64 (H * per_pixel, W * per_pixel, C), and what each square counts in its
@@ -110,9 +110,11 @@ def equation_20(
     largest = max(squares.width, squares.height)
     stack = _TableStack.of(samples.z, tables)
 
+    columns = [samples.rgb] + ([samples.alpha[:, None]] if alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
-    mean = np.average(channels, axis=0, weights=samples.weight).astype(np.float32)
-    sums = np.zeros((squares.height, squares.width, channels.shape[1] + 1))
+    mean = np.concatenate([samples.weight @ column for column in columns])
+    mean /= samples.weight.sum()
+    sums = np.zeros((squares.height, squares.width, len(mean) + 1))
     for k in track(range(len(stack.depths)), "Focusing"):
         index, share = stack.shares(k)
 
@@ -123,8 +125,9 @@ def equation_20(
             weight = samples.weight[i] * share[part]
             if inverse_square:
                 weight *= np.square(stack.farthest / np.minimum(samples.z[i], stack.farthest))
-            values = np.concatenate([channels[i] - mean, np.ones((len(i), 1), np.float32)], axis=1)
-            return values * weight[:, None]
+            intensities = np.concatenate([column[i] for column in columns], axis=1) - mean
+            ones = np.ones((len(i), 1), np.float32)
+            return np.concatenate([intensities, ones], axis=1) * weight[:, None]
 
         def table(offset: tuple[float, float], depth: float = stack.depths[k]) -> np.ndarray:
             return psf.table(lens, depth, squares_per_mm, offset, largest)
@@ -132,19 +135,15 @@ def equation_20(
         _spread(sums, squares, samples, index, light_of, table)
 
     weights = np.zeros((squares.height, squares.width, 1))
-    _spread(
-        weights,
-        squares,
-        samples,
-        np.arange(len(samples)),
-        lambda part: samples.weight[part, None],
-        sharp_table,
-    )
+    _spread(weights, squares, samples, None, lambda part: samples.weight[part, None], sharp_table)
     light = sums[..., -1]
     lit = light > 1e-12 * light.max()
     q = mean + sums[..., :-1] / np.where(lit, light, 1)[..., None]
     # A mean of samples lies between them; what the convolution's rounding adds does not.
-    q = np.clip(q, channels.min(axis=0), channels.max(axis=0))
+    least, most = (
+        np.concatenate([bound(column, axis=0) for column in columns]) for bound in (np.min, np.max)
+    )
+    q = np.clip(q, least, most)
     pixels = weights.reshape(len(weights) // per_pixel, per_pixel, -1, per_pixel)
     sampled = np.broadcast_to(pixels.sum(axis=(1, 3), keepdims=True) > 0, pixels.shape)
     weights = np.where(sampled.reshape(light.shape), weights[..., 0], light)
@@ -175,13 +174,17 @@ class _TableStack:
 
     def shares(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the samples that use table ``k``, and the share of each that it gets."""
-        beyond = np.flatnonzero(self.nearer == k)
+        tables = (k,) if math.isinf(self.depths[k]) else (k - 1, k)
+        # 32 bits: with all samples of a large film in a table or two, indices weigh heavily.
+        index = np.concatenate([np.flatnonzero(self.nearer == t).astype(np.uint32) for t in tables])
         if math.isinf(self.depths[k]):
-            return beyond, np.ones(len(beyond), dtype=np.float32)
-        before = np.flatnonzero(self.nearer == k - 1)
-        index = np.concatenate([before, beyond])
-        distance = np.abs(self.z[index] - self.depths[k]) / self.spacing
-        return index, np.clip(1 - distance, 0, 1).astype(np.float32)
+            return index, np.ones(len(index), dtype=np.float32)
+        share = self.z[index]
+        share -= np.float32(self.depths[k])
+        np.abs(share, out=share)
+        share /= np.float32(-self.spacing)
+        share += 1
+        return index, np.clip(share, 0, 1, out=share)
 
 
 def sharp_table(offset: tuple[float, float]) -> np.ndarray:
@@ -198,25 +201,32 @@ def _spread(
     target: np.ndarray,
     squares: Squares,
     samples: PointSamples,
-    index: np.ndarray,
+    index: np.ndarray | None,
     light_of: Callable[[slice], np.ndarray],
     table: Callable[[tuple[float, float]], np.ndarray],
 ) -> None:
     """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by ``table``.
 
-    ``light_of`` gives the values, float32 (n, C), of a part of them. The samples are gathered by
+    ``index`` None is all of them. ``light_of`` gives the values, float32 (n, C), of a part of
+    those that ``index`` names. The samples are gathered by
     square and class, and each class is convolved with its table, in the rectangle where there
     are samples; where the table is small, samples are added square by square instead.
     """
-    if len(index) == 0:
+    count = len(samples) if index is None else len(index)
+    if count == 0:
         return
     reach = len(table((0.5, 0.5))) // 2
     classes = squares.classes(reach)
     small = reach <= SMALL_REACH
     margin = reach if small else 0
-    parts = [slice(start, start + SCATTER) for start in range(0, len(index), SCATTER)]
+    parts = [slice(start, min(start + SCATTER, count)) for start in range(0, count, SCATTER)]
+
+    def located(positions: np.ndarray, part: slice, origin: int) -> tuple[np.ndarray, np.ndarray]:
+        chosen = positions[part] if index is None else positions[index[part]]
+        return squares.locate(chosen, origin, classes)
+
     (left, right), (top, bottom) = (
-        [int(squares.locate(edge, origin, classes)[0]) for edge in _range(positions, index, parts)]
+        _range(located(positions, part, origin)[0] for part in parts)
         for positions, origin in ((samples.x, squares.left), (samples.y, squares.top))
     )
     left, top = left - margin, top - margin
@@ -231,8 +241,8 @@ def _spread(
     shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
     for part in parts:
-        x, class_x = squares.locate(samples.x[index[part]], squares.left, classes)
-        y, class_y = squares.locate(samples.y[index[part]], squares.top, classes)
+        x, class_x = located(samples.x, part, squares.left)
+        y, class_y = located(samples.y, part, squares.top)
         class_ = class_y * classes + class_x
         place = (y - top) * width + (x - left)
         for new in np.flatnonzero((np.bincount(class_, minlength=classes**2) > 0) & ~present):
@@ -242,15 +252,15 @@ def _spread(
         else:
             _scatter_add(gathered, light_of(part), class_ * (height * width) + place)
     images = np.array(gathered).reshape(shape)
+    del gathered
     if small:
         _add(target, images[0], top, left)
         return
-    for class_ in np.flatnonzero(present):
+    for class_, channel in itertools.product(np.flatnonzero(present), range(shape[-1])):
+        image = images[class_, ..., channel].astype(np.float64)
         with scipy.fft.set_workers(os.cpu_count() or 1):
-            spread = scipy.signal.fftconvolve(
-                images[class_].astype(np.float64), kernels[class_][..., None], axes=(0, 1)
-            )
-        _add(target, spread, top - reach, left - reach)
+            spread = scipy.signal.fftconvolve(image, kernels[class_])
+        _add(target[..., channel], spread, top - reach, left - reach)
 
 
 def _scatter_add(
@@ -290,12 +300,10 @@ def _scatter_add(
     dr.eval(target)
 
 
-def _range(
-    positions: np.ndarray, index: np.ndarray, parts: list[slice]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest of ``positions[index]``."""
-    chosen = [positions[index[part]] for part in parts]
-    return np.min([c.min() for c in chosen]), np.max([c.max() for c in chosen])
+def _range(parts: Iterable[np.ndarray]) -> tuple[int, int]:
+    """Least and greatest of all elements."""
+    ends = [(int(part.min()), int(part.max())) for part in parts]
+    return min(least for least, _ in ends), max(most for _, most in ends)
 
 
 def _add(target: np.ndarray, image: np.ndarray, top: int, left: int) -> None:

@@ -43,7 +43,8 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
     A ``potmesil`` sensor keeps its other parameters. A ``thinlens`` keeps its field of view,
     aperture and focus; a ``perspective`` its field of view, with an f-number of ``inf`` unless
     one is given; both are taken as scenes in metres (``millimeters_per_unit`` 1000) on a frame
-    36 mm wide. Raises ``TypeError`` for any other sensor, ``ValueError`` for bad parameters.
+    36 mm wide. A sensor's own ``srf``, which Mitsuba does not tell, is lost. Raises ``TypeError``
+    for any other sensor, ``ValueError`` for bad parameters.
     """
     if hasattr(sensor, "lens"):
         if not lens:
@@ -64,7 +65,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
         to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
         clip = {name: float(parameters[name]) for name in ("near_clip", "far_clip")}
         offset = tuple(_item(parameters, f"principal_point_offset_{axis}", 0.0) for axis in "xy")
-    return mi.load_dict(
+    replacement = mi.load_dict(
         {
             "type": "potmesil",
             "id": sensor.id() or "potmesil",
@@ -79,6 +80,9 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
             **thin_lens.parameters(),
         }
     )
+    if sensor.get_medium() is not None:
+        replacement.set_medium(sensor.get_medium())
+    return replacement
 
 
 def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:

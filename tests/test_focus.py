@@ -173,6 +173,15 @@ def test_a_sharp_point_is_the_limit_of_a_small_circle(offset):
     np.testing.assert_allclose(sharp_table(offset), pm.Disc().table(lens, 100.0, 1.0, offset))
 
 
+def test_a_lens_of_drjit_arrays_is_taken_for_its_values():
+    samples = synthetic()
+    drjit_lens = samples.lens.replace(f_number=mi.Float(4), focus_distance=mi.Float(3))
+    plain_lens = samples.lens.replace(f_number=4.0, focus_distance=3.0)
+    np.testing.assert_allclose(
+        np.array(pm.focus(samples, drjit_lens)), np.array(pm.focus(samples, plain_lens)), atol=1e-6
+    )
+
+
 def test_a_crop_window_is_focused_like_the_whole_in_focus():
     crop = {"crop_offset_x": 5, "crop_offset_y": 3, "crop_width": 9, "crop_height": 8}
     samples = synthetic(30_000, size=(24, 16), z=np.full(30_000, 2.0))

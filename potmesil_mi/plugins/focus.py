@@ -8,7 +8,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..focus import check_options, focus
-from ..scene import has_lens, pick_sensor
+from ..samples import PointSamples
+from ..scene import has_lens
 from .wrapper import WrapperIntegrator
 
 
@@ -49,24 +50,16 @@ class FocusIntegrator(WrapperIntegrator):
         self.options: dict[str, Any] = {name: props[name] for name in names if name in props}
         check_options(**self.options)
 
-    def render(
-        self,
-        scene: mi.Scene,
-        sensor: int | mi.Sensor = 0,
-        seed: int = 0,
-        spp: int = 0,
-        develop: bool = True,
-        evaluate: bool = True,
-    ) -> mi.TensorXf:
-        """Render the samples, focus them, and put the picture into the film."""
-        sensor = pick_sensor(scene, sensor)
+    def check_sensor(self, sensor: mi.Sensor) -> None:
+        """Raise ``TypeError`` for a sensor without a lens."""
         if not has_lens(sensor):
             raise TypeError("focus: needs a potmesil or thinlens sensor, this one has no lens")
-        film = sensor.film()
+
+    def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
+        """The picture through the samples' lens, and no further channels."""
         alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        samples = self.samples(scene, sensor, seed, spp)
-        image = focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options)
-        return self.put_picture(film, np.array(image), develop=develop)
+        image = np.array(focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options))
+        return image, image[..., :0]
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

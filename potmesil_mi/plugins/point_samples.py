@@ -11,7 +11,6 @@ import numpy as np
 from ..focus import focus
 from ..hidden_surface import WAVEFRONT
 from ..samples import PointSamples
-from ..scene import pick_sensor
 from .wrapper import WrapperIntegrator
 
 AOVS = ("x", "y", "z", "id", "weight")
@@ -58,20 +57,9 @@ class PointSamplesIntegrator(WrapperIntegrator):
         """Names of the channels beside the colours."""
         return list(AOVS)
 
-    def render(
-        self,
-        scene: mi.Scene,
-        sensor: int | mi.Sensor = 0,
-        seed: int = 0,
-        spp: int = 0,
-        develop: bool = True,
-        evaluate: bool = True,
-    ) -> mi.TensorXf:
-        """Render the samples and put them into the film."""
-        sensor = pick_sensor(scene, sensor)
-        samples = self.samples(scene, sensor, seed, spp)
-        picture = pinhole_picture(samples, sensor.film())
-        return self.put_picture(sensor.film(), picture, pixel_channels(samples), AOVS, develop)
+    def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
+        """The pinhole picture, and the channels of a sample of each pixel."""
+        return pinhole_picture(samples, film), pixel_channels(samples)
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

@@ -83,8 +83,10 @@ class PotmesilSensor(mi.Sensor):
 
     ``mi.traverse`` exposes ``focal_length``, ``f_number`` or ``aperture_radius``,
     ``focus_distance``, ``frame_width``, ``millimeters_per_unit``, the clipping planes, the
-    principal point and ``to_world``. Bad values raise ``ValueError``; after an update of the
-    parameters too.
+    principal point and ``to_world``; only the last two are differentiable. In scalar variants
+    Mitsuba cannot set the numbers of a Python plugin. Bad values raise ``ValueError``; after an
+    update of the parameters too. ``ptracer`` needs a sensor that can be sampled from the scene,
+    which this one cannot.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -112,13 +114,13 @@ class PotmesilSensor(mi.Sensor):
         """``to_world`` from the position and the angles of the paper's camera."""
         if "to_world" in props:
             raise ValueError("to_world: cannot be combined with origin, pan, tilt, swing")
-        to_world = np.eye(4)
-        to_world[:3, :3] = orientation(
-            *(_number(props, angle, 0.0) for angle in ("pan", "tilt", "swing"))
-        )
-        to_world[:3, 3] = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
-        if not np.isfinite(to_world).all():
+        angles = [_number(props, angle, 0.0) for angle in ("pan", "tilt", "swing")]
+        origin = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
+        if not np.isfinite([*origin, *angles]).all():
             raise ValueError("origin, pan, tilt, swing: must be finite")
+        to_world = np.eye(4)
+        to_world[:3, :3] = orientation(*angles)
+        to_world[:3, 3] = origin
         self.m_to_world = type(self.world_transform())(to_world)
 
     def _lens_from(self, props: mi.Properties) -> ThinLens:
@@ -158,6 +160,10 @@ class PotmesilSensor(mi.Sensor):
             raise ValueError(f"near_clip={near}: must be > 0 and finite")
         if not near < far < math.inf:
             raise ValueError(f"far_clip={far}: must be beyond near_clip={near} and finite")
+        for axis in "xy":
+            offset = _item(getattr(self, f"m_principal_point_offset_{axis}"))
+            if not math.isfinite(offset):
+                raise ValueError(f"principal_point_offset_{axis}={offset}: must be finite")
         matrix = self._matrix()
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
         if not np.allclose(scale, 1, atol=1e-3):
@@ -187,7 +193,7 @@ class PotmesilSensor(mi.Sensor):
         super().traverse(callback)
         for name in (*self.m_lens_parameters, *PROJECTION_PARAMETERS, "to_world"):
             flags = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-            if name in ("near_clip", "far_clip"):
+            if name not in ("principal_point_offset_x", "principal_point_offset_y", "to_world"):
                 flags = mi.ParamFlags.NonDifferentiable
             callback.put(name, getattr(self, f"m_{name}"), flags)
 
@@ -262,7 +268,7 @@ class PotmesilSensor(mi.Sensor):
 
     def bbox(self) -> mi.BoundingBox3f:
         """The pinhole's position."""
-        return mi.BoundingBox3f(mi.ScalarPoint3f(self._matrix()[:3, 3]))
+        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(self._matrix()[:3, 3]))
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

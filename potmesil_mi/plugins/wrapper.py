@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import mitsuba as mi
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..hidden_surface import Sampling, render_samples
 from ..samples import PointSamples
-from ..scene import require_vectorised_variant
+from ..scene import pick_sensor, require_vectorised_variant
 
 
 class WrapperIntegrator(mi.CppADIntegrator):
@@ -39,32 +38,38 @@ class WrapperIntegrator(mi.CppADIntegrator):
         names = ("pattern", "threshold", "subdivisions")
         self.sampling = Sampling(**{name: props[name] for name in names if name in props})
 
-    def samples(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int) -> PointSamples:
-        """The point samples of one rendering."""
-        seed = int(np.array(seed).ravel()[0])
-        return render_samples(
-            scene, sensor, self.nested, spp=spp, seed=seed, sampling=self.sampling
-        )
+    def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
+        """What the film is to show: RGB (A), and the channels that ``aov_names`` names."""
+        raise NotImplementedError
 
-    def put_picture(
+    def check_sensor(self, sensor: mi.Sensor) -> None:
+        """Raise ``TypeError`` for a sensor that cannot be used; any can by default."""
+
+    def render(
         self,
-        film: mi.Film,
-        picture: np.ndarray,
-        extra: np.ndarray | None = None,
-        aovs: Sequence[str] = (),
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: Any = 0,
+        spp: int = 0,
         develop: bool = True,
+        evaluate: bool = True,
     ) -> mi.TensorXf:
-        """Put a picture into the film as if it had been rendered.
-
-        ``picture``, (height, width, 3 or 4), is RGB with alpha if the film has it; ``extra``,
-        with the channels that ``aovs`` names, follows the weight, which is 1. Returns what the
-        film makes of it, or an empty tensor where ``develop`` is False.
-        """
+        """Take the samples, form the picture, and put it into the film as if rendered there."""
+        sensor = pick_sensor(scene, sensor)
+        self.check_sensor(sensor)
+        samples = render_samples(
+            scene,
+            sensor,
+            self.nested,
+            spp=spp,
+            seed=int(np.array(seed).ravel()[0]),
+            sampling=self.sampling,
+        )
+        film = sensor.film()
+        picture, extra = self.form(samples, film)
         film.clear()
-        film.prepare(list(aovs))
-        channels = [picture, np.ones_like(picture[..., :1])]
-        if extra is not None:
-            channels.append(extra)
+        film.prepare(self.aov_names())
+        channels = [picture, np.ones_like(picture[..., :1]), extra]
         tensor = mi.TensorXf(np.concatenate(channels, axis=-1).astype(np.float32))
         film.put_block(mi.ImageBlock(tensor, film.crop_offset(), border=False))
         return film.develop() if develop else mi.TensorXf()
