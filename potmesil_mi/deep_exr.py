@@ -65,10 +65,12 @@ def save(samples: PointSamples, path: str | os.PathLike[str]) -> None:
 def load(path: str | os.PathLike[str]) -> PointSamples:
     """Read a deep EXR that :func:`save` wrote.
 
-    Raises ``FileNotFoundError`` where there is none, and ``ValueError`` for a file that is not
-    EXR, is truncated, or does not hold the samples of this package.
+    Raises ``FileNotFoundError`` or ``IsADirectoryError`` where there is none, and ``ValueError``
+    for a file that is not EXR, is truncated, or does not hold the samples of this package.
     """
     path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder, not a file")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such file")
     if not OpenEXR.isOpenExrFile(str(path)):

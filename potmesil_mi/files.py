@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 PICTURES = (".exr", ".png", ".jpg", ".jpeg")
+JPEG_QUALITY = 90
 
 
 def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> Path:
@@ -57,4 +58,4 @@ def write_picture(image: mi.TensorXf, path: str | os.PathLike[str]) -> None:
         pixel_format = mi.Bitmap.PixelFormat.RGBA if keep_alpha else mi.Bitmap.PixelFormat.RGB
         bitmap = bitmap.convert(pixel_format, mi.Struct.Type.UInt8, srgb_gamma=True)
     with written_whole(path) as temporary:
-        bitmap.write(str(temporary))
+        bitmap.write(str(temporary), quality=JPEG_QUALITY if "jp" in path.suffix.lower() else -1)

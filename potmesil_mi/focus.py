@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+from .checks import require_whole
 from .lens import ThinLens
 from .paper import equation_20
 from .psf import Disc, PointSpreadFunction
@@ -65,10 +65,13 @@ def focus(
     """
     require_vectorised_variant("focus")
     check_options(method=method, tables=tables, inverse_square=inverse_square, squares=squares)
+    lens = samples.lens if lens is None else lens
+    if not isinstance(lens, ThinLens):
+        raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
 
     fine, weights = equation_20(
         samples,
-        ThinLens(**(lens or samples.lens).to_dict()),
+        ThinLens(**lens.to_dict()),
         psf or Disc(),
         alpha=alpha,
         tables=tables,
@@ -84,9 +87,9 @@ def check_options(
     """Raise ``ValueError`` or ``TypeError`` for an option that :func:`focus` cannot use."""
     if method not in METHODS:
         raise ValueError(f"method={method!r}: must be one of {', '.join(METHODS)}")
-    _require_whole("tables", tables, 2, MOST_TABLES)
-    _require_whole("squares", squares, 1, 16)
-    if not isinstance(inverse_square, bool):
+    require_whole("tables", tables, 2, MOST_TABLES)
+    require_whole("squares", squares, 1, 16)
+    if not isinstance(inverse_square, (bool, np.bool_)):
         raise TypeError(f"inverse_square={inverse_square!r}: must be True or False")
 
 
@@ -129,10 +132,3 @@ def _response(
     if rfilter is None or rfilter.is_box_filter():
         return 0.5, np.ones_like
     return rfilter.radius(), lambda x: np.array(rfilter.eval(mi.Float(x)), dtype=np.float64)
-
-
-def _require_whole(name: str, value: Any, least: int, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name}={value!r}: must be a whole number from {least} to {most}")
-    if not least <= value <= most:
-        raise ValueError(f"{name}={value}: must be {least} to {most}")

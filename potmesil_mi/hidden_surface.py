@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .checks import require_whole
 from .progress import track
 from .samples import PointSamples
 from .scene import pick_sensor, potmesil_sensor, require_vectorised_variant, surface_ids
@@ -43,7 +44,7 @@ class Sampling:
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
-    point. Raises ``ValueError`` that names the parameter.
+    point. Raises ``ValueError`` or ``TypeError`` that names the parameter.
     """
 
     pattern: str = "sampler"
@@ -55,8 +56,7 @@ class Sampling:
             raise ValueError(f"pattern={self.pattern!r}: must be one of {', '.join(PATTERNS)}")
         if not self.threshold >= 0:
             raise ValueError(f"threshold={self.threshold}: must be >= 0")
-        if self.subdivisions not in range(9):
-            raise ValueError(f"subdivisions={self.subdivisions}: must be 0 to 8")
+        require_whole("subdivisions", self.subdivisions, 0, 8)
 
 
 def render_samples(
@@ -92,8 +92,8 @@ def render_samples(
     if mi.has_flag(sensor.film().flags(), mi.FilmFlags.Special):
         raise TypeError("film: must be a film of colours, such as hdrfilm, not a special one")
     sampling = sampling or Sampling()
-    if spp < 0:
-        raise ValueError(f"spp={spp}: must be >= 0 samples a pixel; 0 is the sampler's own count")
+    require_whole("spp", spp, 0, 2**32 - 1)
+    require_whole("seed", seed, 0, 2**32 - 1)
     with dr.suspend_grad():
         stage = _HiddenSurfaceStage(scene, sensor, integrator, spp, seed)
         columns = stage.run(sampling)

@@ -36,7 +36,7 @@ SCATTER = 1 << 23
 SMALL_REACH = 2
 """Circles that reach no farther than so many squares are added square by square."""
 
-SMALL_CLASSES = 16
+SMALL_CLASSES = 64
 """Sub-pixel position classes on a side of a square for small circles, whose place matters most."""
 
 NO_CLASSES = np.empty(0, dtype=np.int32)
@@ -79,9 +79,11 @@ class Squares:
         square, class_ = np.divmod(rounded.astype(np.int32), classes)
         return square, class_
 
-    def offset(self, class_: int, classes: int) -> float:
-        """Where in a square the samples of a class lie, 0 to 1."""
-        return (class_ + (0.0 if self.lattice else 0.5)) / classes
+    def offsets(self, classes: int) -> np.ndarray:
+        """Where in a square, 0 to 1, the samples of each class lie: (classes * classes, 2)."""
+        middle = 0.0 if self.lattice else 0.5
+        y, x = np.divmod(np.arange(classes**2), classes)
+        return np.stack([x + middle, y + middle], axis=-1) / classes
 
 
 def equation_20(
@@ -129,7 +131,7 @@ def equation_20(
             ones = np.ones((len(i), 1), np.float32)
             return np.concatenate([intensities, ones], axis=1) * weight[:, None]
 
-        def table(offset: tuple[float, float], depth: float = stack.depths[k]) -> np.ndarray:
+        def table(offset: np.ndarray, depth: float = stack.depths[k]) -> np.ndarray:
             return psf.table(lens, depth, squares_per_mm, offset, largest)
 
         _spread(sums, squares, samples, index, light_of, table)
@@ -187,14 +189,14 @@ class _TableStack:
         return index, np.clip(share, 0, 1, out=share)
 
 
-def sharp_table(offset: tuple[float, float]) -> np.ndarray:
-    """The table, 3x3, of a point in focus: on an edge or a corner the squares there share it."""
-    before, after = (
-        np.array([max(SHARP - position, 0) / (2 * SHARP) for position in offset]),
-        np.array([max(SHARP - (1 - position), 0) / (2 * SHARP) for position in offset]),
-    )
-    along_x, along_y = np.stack([before, 1 - before - after, after], axis=1)
-    return np.outer(along_y, along_x)
+def sharp_table(offset: np.ndarray) -> np.ndarray:
+    """Tables, (..., 3, 3), of points in focus: on an edge or a corner the squares there share."""
+    offset = np.asarray(offset)
+    before = np.maximum(SHARP - offset, 0) / (2 * SHARP)
+    after = np.maximum(SHARP - (1 - offset), 0) / (2 * SHARP)
+    shares = np.stack([before, 1 - before - after, after], axis=-1)
+    along_x, along_y = np.moveaxis(shares, -2, 0)
+    return along_y[..., :, None] * along_x[..., None, :]
 
 
 def _spread(
@@ -203,20 +205,21 @@ def _spread(
     samples: PointSamples,
     index: np.ndarray | None,
     light_of: Callable[[slice], np.ndarray],
-    table: Callable[[tuple[float, float]], np.ndarray],
+    table: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by ``table``.
 
     ``index`` None is all of them. ``light_of`` gives the values, float32 (n, C), of a part of
-    those that ``index`` names. The samples are gathered by
-    square and class, and each class is convolved with its table, in the rectangle where there
-    are samples; where the table is small, samples are added square by square instead.
+    those that ``index`` names. The samples are gathered by square and class, and each class is
+    convolved with its table, in the rectangle where there are samples; where the tables are
+    small, samples are added square by square instead.
     """
     count = len(samples) if index is None else len(index)
     if count == 0:
         return
-    reach = len(table((0.5, 0.5))) // 2
+    reach = table(np.array([0.5, 0.5])).shape[-1] // 2
     classes = squares.classes(reach)
+    kernels = table(squares.offsets(classes))
     small = reach <= SMALL_REACH
     margin = reach if small else 0
     parts = [slice(start, min(start + SCATTER, count)) for start in range(0, count, SCATTER)]
@@ -232,12 +235,6 @@ def _spread(
     left, top = left - margin, top - margin
     width, height = right + margin - left + 1, bottom + margin - top + 1
 
-    def kernel(class_: int) -> np.ndarray:
-        class_y, class_x = divmod(class_, classes)
-        return table((squares.offset(class_x, classes), squares.offset(class_y, classes)))
-
-    present = np.zeros(classes**2, dtype=bool)
-    kernels = np.zeros((classes**2, 2 * reach + 1, 2 * reach + 1))
     shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
     for part in parts:
@@ -245,8 +242,6 @@ def _spread(
         y, class_y = located(samples.y, part, squares.top)
         class_ = class_y * classes + class_x
         place = (y - top) * width + (x - left)
-        for new in np.flatnonzero((np.bincount(class_, minlength=classes**2) > 0) & ~present):
-            kernels[new], present[new] = kernel(int(new)), True
         if small:
             _scatter_add(gathered, light_of(part), place, width, kernels, class_)
         else:
@@ -256,11 +251,13 @@ def _spread(
     if small:
         _add(target, images[0], top, left)
         return
-    for class_, channel in itertools.product(np.flatnonzero(present), range(shape[-1])):
-        image = images[class_, ..., channel].astype(np.float64)
-        with scipy.fft.set_workers(os.cpu_count() or 1):
-            spread = scipy.signal.fftconvolve(image, kernels[class_])
-        _add(target[..., channel], spread, top - reach, left - reach)
+    for kernel, image in zip(kernels, images, strict=True):
+        if not image.any():
+            continue
+        for channel in range(image.shape[-1]):
+            with scipy.fft.set_workers(os.cpu_count() or 1):
+                spread = scipy.signal.fftconvolve(image[..., channel].astype(np.float64), kernel)
+            _add(target[..., channel], spread, top - reach, left - reach)
 
 
 def _scatter_add(

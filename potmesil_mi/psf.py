@@ -10,6 +10,7 @@ import math
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .lens import ThinLens
 
@@ -25,16 +26,17 @@ class PointSpreadFunction(Protocol):
         lens: ThinLens,
         depth: float,
         squares_per_mm: float,
-        offset: tuple[float, float] = (0.0, 0.0),
+        offset: ArrayLike = (0.0, 0.0),
         largest: int | None = None,
     ) -> np.ndarray:
         """Integrals of the intensity of a point at ``depth`` over the squares of a grid.
 
         ``depth`` is in scene units (``inf`` is allowed), ``squares_per_mm`` the number of grid
         squares in a millimetre of film, ``offset`` the position (x, y) of the point in its
-        square, from 0 (the left or upper edge) to 1. Returns float64 of shape (2K+1, 2K+1),
-        whose middle element is the point's own square; it sums to 1. ``largest`` bounds K: what
-        lies farther out is left out, for a grid too small to see it.
+        square, from 0 (the left or upper edge) to 1; an array (..., 2) asks for many tables.
+        Returns float64 of shape (..., 2K+1, 2K+1), whose middle element is the point's own
+        square; each table sums to 1. ``largest`` bounds K: what lies farther out is left out,
+        for a grid too small to see it.
         """
         ...
 
@@ -47,7 +49,7 @@ class Disc:
         lens: ThinLens,
         depth: float,
         squares_per_mm: float,
-        offset: tuple[float, float] = (0.0, 0.0),
+        offset: ArrayLike = (0.0, 0.0),
         largest: int | None = None,
     ) -> np.ndarray:
         """See :meth:`PointSpreadFunction.table`."""
@@ -57,10 +59,12 @@ class Disc:
         if largest is not None:
             reach = min(reach, largest)
         edges = np.arange(-reach, reach + 2)
+        x, y = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
         area = disc_corner_area(
-            (edges - offset[0])[None, :] / radius, (edges - offset[1])[:, None] / radius
+            (edges - x[..., None])[..., None, :] / radius,
+            (edges - y[..., None])[..., :, None] / radius,
         )
-        return np.maximum(np.diff(np.diff(area, axis=0), axis=1), 0.0) / math.pi
+        return np.maximum(np.diff(np.diff(area, axis=-2), axis=-1), 0.0) / math.pi
 
     def __repr__(self) -> str:
         return "Disc()"

@@ -27,7 +27,7 @@ _COLUMNS = {
 }
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class PointSamples:
     """N point samples of a scene, seen through a pinhole.
 
@@ -92,6 +92,13 @@ class PointSamples:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def __repr__(self) -> str:
+        width, height = self.camera.crop_size
+        return (
+            f"PointSamples({len(self):,} in {width}x{height} pixels, z = {self.z.min():g} to "
+            f"{self.z.max():g}, surfaces = {list(self.surfaces.values())}, lens = {self.lens})"
+        )
 
     def replace(self, **changes: object) -> PointSamples:
         """Samples with some fields changed."""

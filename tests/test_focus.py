@@ -158,8 +158,8 @@ def test_a_point_spread_function_is_asked_for_its_tables():
         """All the light in the square to the right."""
 
         def table(self, lens, depth, squares_per_mm, offset=(0.0, 0.0), largest=None):
-            table = np.zeros((3, 3))
-            table[1, 2] = 1
+            table = np.zeros((*np.shape(offset)[:-1], 3, 3))
+            table[..., 1, 2] = 1
             return table
 
     samples = synthetic(30_000)
@@ -171,6 +171,15 @@ def test_a_point_spread_function_is_asked_for_its_tables():
 def test_a_sharp_point_is_the_limit_of_a_small_circle(offset):
     lens = pm.ThinLens(50.0, 1e6, 100.0)
     np.testing.assert_allclose(sharp_table(offset), pm.Disc().table(lens, 100.0, 1.0, offset))
+
+
+def test_many_tables_at_once_are_those_asked_for_one_by_one():
+    lens = pm.ThinLens(50.0, 2.0, 100.0)
+    offsets = np.random.default_rng(1).uniform(0, 1, (2, 5, 2))
+    for table in (sharp_table, lambda o: pm.Disc().table(lens, 120.0, 2.0, o)):
+        together = table(offsets)
+        for i, j in np.ndindex(2, 5):
+            np.testing.assert_array_equal(together[i, j], table(offsets[i, j]))
 
 
 def test_a_lens_of_drjit_arrays_is_taken_for_its_values():
@@ -237,6 +246,7 @@ def test_a_pixel_without_samples_shows_the_light_that_reaches_it():
         ({"tables": 7.5}, TypeError, "tables=7.5"),
         ({"squares": 0}, ValueError, "squares=0"),
         ({"inverse_square": 1}, TypeError, "inverse_square=1"),
+        ({"lens": 550}, TypeError, "lens=550.*ThinLens"),
     ],
 )
 def test_a_bad_option_is_named(options, error, text):

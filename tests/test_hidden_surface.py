@@ -206,7 +206,7 @@ def test_adaptive_pictures_come_close_to_many_samples_with_few():
     ],
 )
 def test_a_bad_pattern_is_named(sampling, text):
-    with pytest.raises(ValueError, match=text):
+    with pytest.raises((ValueError, TypeError), match=text):
         pm.Sampling(**sampling)
 
 
@@ -232,6 +232,10 @@ def test_a_missing_sensor_and_a_negative_count_are_named():
         pm.render_samples(scene, 3)
     with pytest.raises(ValueError, match="spp=-1"):
         pm.render_samples(scene, spp=-1)
+    with pytest.raises(TypeError, match=r"spp=4\.5"):
+        pm.render_samples(scene, spp=4.5)
+    with pytest.raises(ValueError, match="seed=-1"):
+        pm.render_samples(scene, seed=-1)
 
 
 def test_what_cannot_give_samples_is_named():

@@ -238,6 +238,17 @@ def test_a_missing_file_is_named(tmp_path):
         pm.PointSamples.load(tmp_path / "nothing.exr")
 
 
+def test_a_folder_is_not_taken_for_a_missing_file(tmp_path):
+    with pytest.raises(IsADirectoryError, match="is a folder"):
+        pm.PointSamples.load(tmp_path)
+
+
+def test_samples_are_described_in_a_line():
+    text = repr(synthetic(5))
+    assert text.startswith("PointSamples(5 in 20x14 pixels, z = ")
+    assert "['one', 'two', 'three']" in text
+
+
 def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     path = tmp_path / "samples.exr"
     path.write_text("precious")
