@@ -8,12 +8,13 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
 from .files import PICTURES, require_writable, write_picture
-from .focus import METHODS, focus
+from .focus import METHODS, check_options, focus
 from .hidden_surface import PATTERNS, Sampling, render_samples
 from .lens import IMAGE_DISTANCES, ThinLens
 from .samples import PointSamples
@@ -67,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     _check_outputs(options.output, options.samples)
+    check_options(**_focus_options(options))
     _set_variant(options.variant)
     # Optimised loading merges meshes of one material, and with them their ids and names.
     scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
@@ -109,6 +111,9 @@ def render(options: argparse.Namespace) -> None:
 def refocus(options: argparse.Namespace) -> None:
     """``potmesil focus``: samples through another lens."""
     _check_outputs(options.output)
+    if Path(options.samples).resolve() in {Path(path).resolve() for path in options.output}:
+        raise ValueError(f"{options.samples}: the picture must not take the place of its samples")
+    check_options(**_focus_options(options))
     _set_variant(options.variant)
     samples = PointSamples.load(options.samples)
     lens = samples.lens.replace(**_lens_options(options))
@@ -297,6 +302,8 @@ def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
         require_writable(path, PICTURES)
     if samples:
         require_writable(samples, [".exr"])
+        if Path(samples).resolve() in {Path(path).resolve() for path in pictures}:
+            raise ValueError(f"{samples}: given for the samples and for a picture")
 
 
 def _set_variant(names: str) -> None:

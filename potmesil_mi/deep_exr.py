@@ -88,7 +88,7 @@ def load(path: str | os.PathLike[str]) -> PointSamples:
             if not file.parts:
                 raise ValueError(f"{path}: is truncated or damaged")
             return _samples(dict(file.header()), file.channels())
-    except (RuntimeError, KeyError, TypeError) as error:
+    except (RuntimeError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: is damaged or not of this version: {error}") from error
 
 

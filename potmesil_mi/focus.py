@@ -42,7 +42,8 @@ def focus(
     ============================  ==========================================================
     ``samples``                   point samples, of :func:`potmesil_mi.render_samples` or a
                                   file
-    ``lens``                      any lens; the samples' own by default. The field of view
+    ``lens``                      any lens, in scene units of any size; the samples' own by
+                                  default. The field of view
                                   stays that of the samples: the picture is that of a
                                   ``thinlens`` with this ``aperture_radius`` and
                                   ``focus_distance`` at their place
@@ -68,11 +69,14 @@ def focus(
     lens = samples.lens if lens is None else lens
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
+    psf = Disc() if psf is None else psf
+    if not hasattr(psf, "table"):
+        raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
 
     fine, weights = equation_20(
         samples,
-        ThinLens(**lens.to_dict()),
-        psf or Disc(),
+        ThinLens(**lens.to_dict()).in_units(samples.lens.millimeters_per_unit),
+        psf,
         alpha=alpha,
         tables=tables,
         inverse_square=inverse_square,
@@ -102,8 +106,7 @@ def reconstruct(
     """Pixels of a film from ``squares`` x ``squares`` values in each.
 
     A pixel is the mean of the squares under its filter (box by default), each weighted by
-    ``weights``, float (H, W): all alike on the paper's grid, and elsewhere so that a picture in
-    focus is the mean of each pixel's samples. Where all weights are 0 it is 0.
+    ``weights``, float (H, W). Where all weights are 0 it is 0.
     """
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * squares))

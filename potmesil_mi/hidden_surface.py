@@ -19,7 +19,7 @@ from .samples import PointSamples
 from .scene import pick_sensor, potmesil_sensor, require_vectorised_variant, surface_ids
 
 WAVEFRONT = 1 << 22
-"""Most rays that are traced at once; it bounds the memory of a pass to a few hundred MB."""
+"""Most rays that are traced at once, or those of one pixel if it has more: memory is bounded."""
 
 PATTERNS = ("sampler", "uniform", "adaptive")
 
@@ -125,7 +125,7 @@ class _HiddenSurfaceStage:
         self.width, self.height = (int(n) for n in film.crop_size())
         self.left, self.top = (int(n) for n in film.crop_offset())
         if self.width * self.height == 1:
-            raise ValueError("film: has 1x1 pixels, must have more than one")
+            raise ValueError("film: its crop window has 1x1 pixels, must have more than one")
 
     def run(self, sampling: Sampling) -> dict[str, Any]:
         """The columns of :class:`PointSamples` by the pattern that ``sampling`` names."""
@@ -136,18 +136,18 @@ class _HiddenSurfaceStage:
         return self._by_sampler()
 
     def _by_sampler(self) -> dict[str, Any]:
-        """``spp`` samples in each pixel where the sampler puts them, in bands of rows."""
-        rows = max(1, WAVEFRONT // (self.width * self.spp))
-        columns = _empty_columns(self.width * self.height * self.spp)
+        """``spp`` samples in each pixel where the sampler puts them, pixel by pixel."""
+        pixels, per_pass = self.width * self.height, max(1, WAVEFRONT // self.spp)
+        columns = _empty_columns(pixels * self.spp)
         start = 0
-        for row in track(range(0, self.height, rows), "Sampling"):
-            count = min(rows, self.height - row) * self.width * self.spp
+        for first in track(range(0, pixels, per_pass), "Sampling"):
+            count = min(per_pass, pixels - first) * self.spp
             self._seed(count)
             index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, self.spp)
+            index += dr.opaque(mi.UInt32, first)
             y = index // self.width
             corner = mi.Point2f(
-                mi.Point2i(index - y * self.width, y)
-                + mi.Point2i(self.left, dr.opaque(mi.Int32, self.top + row))
+                mi.Point2i(index - y * self.width, y) + mi.Point2i(self.left, self.top)
             )
             position = corner + self.sampler.next_2d()
             band = self._trace(position)
@@ -266,12 +266,12 @@ class _HiddenSurfaceStage:
         )
         ray.scale_differential(dr.rsqrt(mi.ScalarFloat(self.spp)))
 
-        hit = self.scene.ray_intersect_preliminary(ray)
-        depth = (sensor.world_transform().inverse() @ ray(hit.t)).z
+        hit = self._first_hit(mi.Ray3f(ray))
+        depth = (sensor.world_transform().inverse() @ hit.p).z
         shape = dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape)
         place = dr.reinterpret_array(mi.UInt32, shape)
         radiance, valid, _ = mi.SamplingIntegrator.sample(
-            self.integrator, self.scene, sampler, ray, None, True
+            self.integrator, self.scene, sampler, ray, sensor.get_medium(), True
         )
         return {
             "rgb": _to_rgb(radiance * ray_weight, ray.wavelengths),
@@ -279,6 +279,21 @@ class _HiddenSurfaceStage:
             "z": dr.select(hit.is_valid(), depth, dr.inf),
             "surface": dr.gather(mi.UInt32, self.ids, place, hit.is_valid()),
         }
+
+    def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
+        """The surface that the nested integrator sees first: it may leave out area lights."""
+        hit = self.scene.ray_intersect(ray)
+        if not self.integrator.hide_emitters:
+            return hit
+
+        def is_lamp(hit: mi.SurfaceInteraction3f) -> mi.Bool:
+            return hit.is_valid() & hit.shape.is_emitter()
+
+        def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
+            hit = self.scene.ray_intersect(hit.spawn_ray(ray.d), active)
+            return active & is_lamp(hit), hit
+
+        return dr.while_loop((is_lamp(hit), hit), lambda active, _: active, step)[1]
 
 
 def _to_rgb(radiance: mi.Spectrum, wavelengths: mi.Spectrum) -> mi.Color3f:

@@ -74,9 +74,9 @@ class ThinLens:
         image_distance: str = "focal",
     ) -> None:
         if (f_number is None) == (aperture_radius is None):
-            given = "both" if f_number is not None else "neither"
+            given = "both were" if f_number is not None else "neither was"
             raise ValueError(
-                f"f_number and aperture_radius: give exactly one of them, {given} was given "
+                f"f_number and aperture_radius: give exactly one of them, {given} given "
                 f"(f_number={f_number}, aperture_radius={aperture_radius})"
             )
         if image_distance not in IMAGE_DISTANCES:
@@ -187,6 +187,14 @@ class ThinLens:
             parameters.pop("f_number", None)
             parameters.pop("aperture_radius", None)
         return ThinLens(**{**parameters, **changes})
+
+    def in_units(self, millimeters_per_unit: Any) -> ThinLens:
+        """The same lens, with its distances in scene units of another size."""
+        ratio = self.millimeters_per_unit / millimeters_per_unit
+        changes = {"focus_distance": self.focus_distance * ratio}
+        if self._aperture_radius is not None:
+            changes["aperture_radius"] = self._aperture_radius * ratio
+        return self.replace(millimeters_per_unit=millimeters_per_unit, **changes)
 
     @property
     def f_number(self) -> Any:

@@ -16,7 +16,7 @@ import dataclasses
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import drjit as dr
 import mitsuba as mi
@@ -26,7 +26,7 @@ import scipy.signal
 
 from .lens import ThinLens
 from .progress import track
-from .psf import SHARP, PointSpreadFunction
+from .psf import PointSpreadFunction
 from .samples import PointSamples
 
 SCATTER = 1 << 23
@@ -104,52 +104,47 @@ def equation_20(
     samples at infinity are weighted like the farthest that hit something.
 
     Returns Q, float64 (H * per_pixel, W * per_pixel, C), and what each square counts in its
-    pixel, without the C: the weight of the samples in it, or in a pixel without samples the light
-    that reaches it. A square that no light reaches is 0 and counts nothing.
+    pixel, without the C: on a lattice all alike, as in the paper; elsewhere, where chance puts
+    more samples here than there, the light that reaches it before its fall-off. A square that no
+    light reaches is 0 and counts nothing.
     """
     squares = Squares.of(samples, per_pixel)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
-    largest = max(squares.width, squares.height)
     stack = _TableStack.of(samples.z, tables)
-
     columns = [samples.rgb] + ([samples.alpha[:, None]] if alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
     mean /= samples.weight.sum()
-    sums = np.zeros((squares.height, squares.width, len(mean) + 1))
-    for k in track(range(len(stack.depths)), "Focusing"):
-        index, share = stack.shares(k)
+    # Numerators, the denominator, and without fall-off the denominator once more.
+    sums = np.zeros((squares.height, squares.width, len(mean) + 2))
+    for depth, index, share in track(stack, "Focusing", total=tables + 1):
 
         def light_of(
             part: slice, index: np.ndarray = index, share: np.ndarray = share
         ) -> np.ndarray:
             i = index[part]
-            weight = samples.weight[i] * share[part]
+            weight = (samples.weight[i] * share[part])[:, None]
+            falloff = np.ones_like(weight)
             if inverse_square:
-                weight *= np.square(stack.farthest / np.minimum(samples.z[i], stack.farthest))
-            intensities = np.concatenate([column[i] for column in columns], axis=1) - mean
-            ones = np.ones((len(i), 1), np.float32)
-            return np.concatenate([intensities, ones], axis=1) * weight[:, None]
+                z = np.minimum(samples.z[i], stack.farthest)
+                falloff[:, 0] = np.square(stack.farthest / z)
+            differences = np.concatenate([column[i] for column in columns], axis=1) - mean
+            return np.concatenate([differences * falloff, falloff, falloff**0], axis=1) * weight
 
-        def table(offset: np.ndarray, depth: float = stack.depths[k]) -> np.ndarray:
-            return psf.table(lens, depth, squares_per_mm, offset, largest)
+        def table(offset: np.ndarray, depth: float = depth) -> np.ndarray:
+            return psf.table(lens, depth, squares_per_mm, offset, (squares.width, squares.height))
 
         _spread(sums, squares, samples, index, light_of, table)
 
-    weights = np.zeros((squares.height, squares.width, 1))
-    _spread(weights, squares, samples, None, lambda part: samples.weight[part, None], sharp_table)
-    light = sums[..., -1]
-    lit = light > 1e-12 * light.max()
-    q = mean + sums[..., :-1] / np.where(lit, light, 1)[..., None]
+    numerators, denominator, unattenuated = sums[..., :-2], sums[..., -2], sums[..., -1]
+    lit = denominator > 1e-12 * denominator.max()
+    q = mean + numerators / np.where(lit, denominator, 1)[..., None]
     # A mean of samples lies between them; what the convolution's rounding adds does not.
     least, most = (
         np.concatenate([bound(column, axis=0) for column in columns]) for bound in (np.min, np.max)
     )
-    q = np.clip(q, least, most)
-    pixels = weights.reshape(len(weights) // per_pixel, per_pixel, -1, per_pixel)
-    sampled = np.broadcast_to(pixels.sum(axis=(1, 3), keepdims=True) > 0, pixels.shape)
-    weights = np.where(sampled.reshape(light.shape), weights[..., 0], light)
-    return np.where(lit[..., None], q, 0), np.where(lit, weights, 0)
+    weights = np.ones_like(unattenuated) if samples.lattice else np.maximum(unattenuated, 0)
+    return np.where(lit[..., None], np.clip(q, least, most), 0), np.where(lit, weights, 0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,66 +169,61 @@ class _TableStack:
         depths = [*np.linspace(nearest, farthest, tables).tolist(), math.inf]
         return cls(z, depths, spacing, farthest, nearer)
 
-    def shares(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the samples that use table ``k``, and the share of each that it gets."""
-        tables = (k,) if math.isinf(self.depths[k]) else (k - 1, k)
-        # 32 bits: with all samples of a large film in a table or two, indices weigh heavily.
-        index = np.concatenate([np.flatnonzero(self.nearer == t).astype(np.uint32) for t in tables])
-        if math.isinf(self.depths[k]):
-            return index, np.ones(len(index), dtype=np.float32)
-        share = self.z[index]
-        share -= np.float32(self.depths[k])
-        np.abs(share, out=share)
-        share /= np.float32(-self.spacing)
-        share += 1
-        return index, np.clip(share, 0, 1, out=share)
-
-
-def sharp_table(offset: np.ndarray) -> np.ndarray:
-    """Tables, (..., 3, 3), of points in focus: on an edge or a corner the squares there share."""
-    offset = np.asarray(offset)
-    before = np.maximum(SHARP - offset, 0) / (2 * SHARP)
-    after = np.maximum(SHARP - (1 - offset), 0) / (2 * SHARP)
-    shares = np.stack([before, 1 - before - after, after], axis=-1)
-    along_x, along_y = np.moveaxis(shares, -2, 0)
-    return along_y[..., :, None] * along_x[..., None, :]
+    def __iter__(self) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+        """Each table's depth, the samples that use it, and the share of each that it gets."""
+        before = np.empty(0, dtype=np.uint32)
+        for k, depth in enumerate(self.depths):
+            # 32 bits: with all samples of a large film in a table or two, indices weigh heavily.
+            beyond = np.flatnonzero(self.nearer == k).astype(np.uint32)
+            if math.isinf(depth):
+                yield depth, beyond, np.ones(len(beyond), dtype=np.float32)
+                return
+            index = np.concatenate([before, beyond])
+            share = self.z[index]
+            share -= np.float32(depth)
+            np.abs(share, out=share)
+            share /= np.float32(-self.spacing)
+            share += 1
+            yield depth, index, np.clip(share, 0, 1, out=share)
+            before = beyond
 
 
 def _spread(
     target: np.ndarray,
     squares: Squares,
     samples: PointSamples,
-    index: np.ndarray | None,
+    index: np.ndarray,
     light_of: Callable[[slice], np.ndarray],
     table: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     """Add to ``target``, (H, W, C), the light of the samples ``index``, spread by ``table``.
 
-    ``index`` None is all of them. ``light_of`` gives the values, float32 (n, C), of a part of
-    those that ``index`` names. The samples are gathered by square and class, and each class is
-    convolved with its table, in the rectangle where there are samples; where the tables are
-    small, samples are added square by square instead.
+    ``light_of`` gives the values, float32 (n, C), of a part of them. The samples are gathered
+    by square and class, and each class is convolved with its table, in the rectangle where
+    there are samples; where the tables are small, samples are added square by square instead.
     """
-    count = len(samples) if index is None else len(index)
+    count = len(index)
     if count == 0:
         return
-    reach = table(np.array([0.5, 0.5])).shape[-1] // 2
+    middle = table(np.array([0.5, 0.5]))
+    reach_y, reach_x = (size // 2 for size in middle.shape)
+    reach = max(reach_x, reach_y)
     classes = squares.classes(reach)
-    kernels = table(squares.offsets(classes))
+    offsets = squares.offsets(classes)
+    kernels = middle[None] if np.array_equal(offsets, [[0.5, 0.5]]) else table(offsets)
     small = reach <= SMALL_REACH
-    margin = reach if small else 0
+    margin_x, margin_y = (reach_x, reach_y) if small else (0, 0)
     parts = [slice(start, min(start + SCATTER, count)) for start in range(0, count, SCATTER)]
 
     def located(positions: np.ndarray, part: slice, origin: int) -> tuple[np.ndarray, np.ndarray]:
-        chosen = positions[part] if index is None else positions[index[part]]
-        return squares.locate(chosen, origin, classes)
+        return squares.locate(positions[index[part]], origin, classes)
 
     (left, right), (top, bottom) = (
         _range(located(positions, part, origin)[0] for part in parts)
         for positions, origin in ((samples.x, squares.left), (samples.y, squares.top))
     )
-    left, top = left - margin, top - margin
-    width, height = right + margin - left + 1, bottom + margin - top + 1
+    left, top = left - margin_x, top - margin_y
+    width, height = right + margin_x - left + 1, bottom + margin_y - top + 1
 
     shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
@@ -257,7 +247,7 @@ def _spread(
         for channel in range(image.shape[-1]):
             with scipy.fft.set_workers(os.cpu_count() or 1):
                 spread = scipy.signal.fftconvolve(image[..., channel].astype(np.float64), kernel)
-            _add(target[..., channel], spread, top - reach, left - reach)
+            _add(target[..., channel], spread, top - reach_y, left - reach_x)
 
 
 def _scatter_add(
@@ -270,7 +260,7 @@ def _scatter_add(
 ) -> None:
     """Add each row of ``values``, (n, C), to the C elements of ``target`` at its place.
 
-    With ``kernels``, (classes, K, K), it is spread over the K x K places around, in rows of
+    With ``kernels``, (classes, K, L), it is spread over the K x L places around, in rows of
     ``width``, by the kernel of its class.
     """
     # Auto would choose Local for large targets, several times slower with LLVM.
@@ -285,12 +275,12 @@ def _scatter_add(
     if kernels is None:
         dr.scatter_add(target, value, index, mode=mode)
     else:
-        size = kernels.shape[1]
+        rows, columns = kernels.shape[1:]
         flat = mi.Float(kernels.ravel())
-        first = dr.gather(mi.UInt32, mi.UInt32(class_.astype(np.uint32)), row) * size**2
-        for i, (dy, dx) in enumerate(itertools.product(range(size), repeat=2)):
+        first = dr.gather(mi.UInt32, mi.UInt32(class_.astype(np.uint32)), row) * (rows * columns)
+        for i, (dy, dx) in enumerate(itertools.product(range(rows), range(columns))):
             if kernels[:, dy, dx].any():
-                offset = (dy - size // 2) * width + dx - size // 2
+                offset = (dy - rows // 2) * width + dx - columns // 2
                 share = dr.gather(mi.Float, flat, first + i)
                 around = mi.UInt32(mi.Int32(index) + offset * channels)
                 dr.scatter_add(target, value * share, around, mode=mode)

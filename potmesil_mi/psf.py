@@ -27,16 +27,16 @@ class PointSpreadFunction(Protocol):
         depth: float,
         squares_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
-        largest: int | None = None,
+        largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """Integrals of the intensity of a point at ``depth`` over the squares of a grid.
 
         ``depth`` is in scene units (``inf`` is allowed), ``squares_per_mm`` the number of grid
         squares in a millimetre of film, ``offset`` the position (x, y) of the point in its
         square, from 0 (the left or upper edge) to 1; an array (..., 2) asks for many tables.
-        Returns float64 of shape (..., 2K+1, 2K+1), whose middle element is the point's own
-        square; each table sums to 1. ``largest`` bounds K: what lies farther out is left out,
-        for a grid too small to see it.
+        Returns float64 of shape (..., 2K+1, 2L+1), rows and columns, whose middle element is the
+        point's own square; each table sums to 1. ``largest`` bounds (L, K): what lies farther
+        out is left out, for a grid of so many columns and rows cannot see it.
         """
         ...
 
@@ -50,19 +50,17 @@ class Disc:
         depth: float,
         squares_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
-        largest: int | None = None,
+        largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """See :meth:`PointSpreadFunction.table`."""
         diameter = abs(float(lens.circle_of_confusion(depth))) * squares_per_mm
         radius = max(diameter / 2, SHARP)
         reach = math.ceil(radius)
-        if largest is not None:
-            reach = min(reach, largest)
-        edges = np.arange(-reach, reach + 2)
+        reach_x, reach_y = (reach, reach) if largest is None else (min(reach, n) for n in largest)
         x, y = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
         area = disc_corner_area(
-            (edges - x[..., None])[..., None, :] / radius,
-            (edges - y[..., None])[..., :, None] / radius,
+            (np.arange(-reach_x, reach_x + 2) - x[..., None])[..., None, :] / radius,
+            (np.arange(-reach_y, reach_y + 2) - y[..., None])[..., :, None] / radius,
         )
         return np.maximum(np.diff(np.diff(area, axis=-2), axis=-1), 0.0) / math.pi
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .camera import Camera
+from .checks import require_whole
 from .lens import ThinLens
 
 _COLUMNS = {
@@ -48,10 +49,9 @@ class PointSamples:
                                   number; 0 where they may be anywhere
     ============================  ==========================================================
 
-    Samples with NaN or infinite radiance, with a depth or weight that is NaN or not positive, or
-    with a position or weight that is not finite are dropped, with a ``RuntimeWarning`` that counts
-    them. Raises ``ValueError`` for columns of unequal length or wrong shape, and where no
-    sample is left.
+    Samples with radiance, alpha or position that is not finite, or with depth or weight that is
+    NaN or not positive are dropped, with a ``RuntimeWarning`` that counts them. Raises
+    ``ValueError`` for columns of unequal length or wrong shape, and where no sample is left.
     """
 
     x: np.ndarray
@@ -67,6 +67,7 @@ class PointSamples:
     lattice: int = 0
 
     def __post_init__(self) -> None:
+        require_whole("lattice", self.lattice, 0, 1 << 16)
         count = len(self.x)
         for name, dtype in _COLUMNS.items():
             column = np.ascontiguousarray(getattr(self, name), dtype=dtype)
@@ -75,15 +76,15 @@ class PointSamples:
                 raise ValueError(f"{name}: has shape {column.shape}, must have {expected}")
             object.__setattr__(self, name, column)
         valid = np.isfinite(self.rgb[:, 0])
-        for values in (self.rgb[:, 1], self.rgb[:, 2], self.x, self.y, self.weight):
+        for values in (*self.rgb.T[1:], self.alpha, self.x, self.y, self.weight):
             valid &= np.isfinite(values)
         valid &= (self.z > 0) & (self.weight > 0)
         if not valid.all():
             for name in _COLUMNS:
                 object.__setattr__(self, name, getattr(self, name)[valid])
             warnings.warn(
-                f"dropped {count - len(self)} of {count} samples: radiance, position or weight "
-                "not finite, or depth or weight not > 0",
+                f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
+                "weight not finite, or depth or weight not > 0",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -126,8 +127,8 @@ class PointSamples:
         a lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
-        if not tolerance > 0:
-            raise ValueError(f"tolerance={tolerance}: must be > 0 pixels")
+        if not 0 < tolerance < np.inf:
+            raise ValueError(f"tolerance={tolerance}: must be > 0 pixels and finite")
         if self.lattice > 0:
             return self
         circle = (lens or self.lens).circle_of_confusion(self.z.astype(np.float64))

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .lens import ThinLens
+from .lens import FULL_FRAME_WIDTH, ThinLens
 
 
 def require_vectorised_variant(what: str) -> None:
@@ -25,6 +25,8 @@ def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
     """The sensor itself, or the scene's sensor of that number."""
     if isinstance(sensor, mi.Sensor):
         return sensor
+    if not isinstance(sensor, int):
+        raise TypeError(f"sensor={sensor!r}: must be a sensor or its number in the scene")
     count = len(scene.sensors())
     if not 0 <= sensor < count:
         raise ValueError(f"sensor={sensor}: the scene has {count}, numbered from 0")
@@ -96,7 +98,14 @@ def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:
     if not lens.keys().isdisjoint({"f_number", "aperture_radius"}):
         known.pop("f_number", None)
         known.pop("aperture_radius", None)
-    return ThinLens.of_field_of_view(_item(parameters, "x_fov"), **{**known, **lens})
+    known.update(lens)
+    fov = _item(parameters, "x_fov")
+    if "aperture_radius" in known and known.keys().isdisjoint({"focal_length", "frame_width"}):
+        # Field of view, aperture and focus make the picture. The frame only must leave the
+        # focus outside the focal length, which that of a small scene in metres may not do.
+        focused = known.get("focus_distance", math.inf) * known["millimeters_per_unit"]
+        known["frame_width"] = min(FULL_FRAME_WIDTH, math.tan(math.radians(fov) / 2) * focused)
+    return ThinLens.of_field_of_view(fov, **known)
 
 
 def _item(parameters: mi.SceneParameters, name: str, default: float | None = None) -> float:
@@ -119,14 +128,16 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
     if not shapes:
         raise ValueError("scene: is empty, there must be at least one shape")
     unnamed = sorted((shape for shape in shapes if not shape.id()), key=_place)
-    names = {f"{shape.class_name()}_{rank}": shape for rank, shape in enumerate(unnamed, start=1)}
-    names.update({shape.id(): shape for shape in shapes if shape.id()})
-    places = [
-        int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(names[name]))[0]) for name in sorted(names)
-    ]
+    named = [(f"{s.class_name()}_{rank}", s) for rank, s in enumerate(unnamed, start=1)]
+    named = sorted(named + [(shape.id(), shape) for shape in shapes if shape.id()], key=_first)
+    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for _, shape in named]
     table = np.zeros(max(places) + 1, dtype=np.uint32)
     table[places] = np.arange(1, len(places) + 1)
-    return mi.UInt32(table), dict(enumerate(sorted(names), start=1))
+    return mi.UInt32(table), {i: name for i, (name, _) in enumerate(named, 1)}
+
+
+def _first(pair: tuple[str, Any]) -> str:
+    return pair[0]
 
 
 def _place(shape: mi.Shape) -> tuple[Any, ...]:

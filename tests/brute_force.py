@@ -47,8 +47,8 @@ def equation_20(samples, lens, pixels, *, squares=2, inverse_square=True):
                 if f.sum() <= 0:
                     continue
                 values.append(f @ rgb[near] / f.sum())
-                shares.append(weight[near] @ covered(near, left + dx, top + dy, SHARP))
-        shares = np.array(shares) if np.sum(shares) > 0 else np.ones(len(values))
+                reaching = weight[near] @ covered(near, left + dx, top + dy, radius[near])
+                shares.append(1.0 if samples.lattice else reaching)
         for value, share in zip(values, shares, strict=True):
             result[p] += share * value
             total += share

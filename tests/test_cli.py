@@ -181,10 +181,30 @@ def test_an_error_is_one_line_with_exit_code_1_and_no_file(tmp_path, capsys, arg
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unwritable_output_is_found_before_rendering(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-o", "{}/folder.png"],
+        ["-o", "{}/a.exr", "--samples", "{}/a.exr"],
+        ["-o", "{}/a.png", "--tables", "1"],
+        ["-o", "{}/a.png", "--squares", "0"],
+    ],
+)
+def test_what_must_fail_at_the_end_is_found_before_rendering(tmp_path, monkeypatch, arguments):
     monkeypatch.setattr(cli, "render_samples", lambda *_, **__: pytest.fail("rendering started"))
-    (tmp_path / "a.png").mkdir()
-    assert cli.main(["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.png")]) == 1
+    (tmp_path / "folder.png").mkdir()
+    arguments = [argument.format(tmp_path) for argument in arguments]
+    assert cli.main(["render", FIGURE, *SMALL, *arguments]) == 1
+
+
+def test_a_picture_does_not_take_the_place_of_its_samples(tmp_path, capsys):
+    samples = tmp_path / "samples.exr"
+    first = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.png"), "--samples", str(samples)]
+    assert cli.main(first) == 0
+    whole = samples.read_bytes()
+    assert cli.main(["focus", str(samples), "-o", str(samples)]) == 1
+    assert "must not take the place" in capsys.readouterr().err
+    assert samples.read_bytes() == whole
 
 
 @pytest.mark.parametrize(

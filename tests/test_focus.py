@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import potmesil_mi as pm
 from potmesil_mi.focus import reconstruct
-from potmesil_mi.paper import sharp_table
 from scenes import papers_scene, pinhole_mean, still_life, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -167,19 +166,14 @@ def test_a_point_spread_function_is_asked_for_its_tables():
     np.testing.assert_allclose(image[:, 1:], pinhole_mean(samples)[:, :-1], atol=1e-4)
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.5, 0.5), (1.0, 0.3), (0.0, 0.9)])
-def test_a_sharp_point_is_the_limit_of_a_small_circle(offset):
-    lens = pm.ThinLens(50.0, 1e6, 100.0)
-    np.testing.assert_allclose(sharp_table(offset), pm.Disc().table(lens, 100.0, 1.0, offset))
-
-
 def test_many_tables_at_once_are_those_asked_for_one_by_one():
     lens = pm.ThinLens(50.0, 2.0, 100.0)
     offsets = np.random.default_rng(1).uniform(0, 1, (2, 5, 2))
-    for table in (sharp_table, lambda o: pm.Disc().table(lens, 120.0, 2.0, o)):
-        together = table(offsets)
-        for i, j in np.ndindex(2, 5):
-            np.testing.assert_array_equal(together[i, j], table(offsets[i, j]))
+    together = pm.Disc().table(lens, 120.0, 2.0, offsets)
+    for i, j in np.ndindex(2, 5):
+        np.testing.assert_array_equal(
+            together[i, j], pm.Disc().table(lens, 120.0, 2.0, offsets[i, j])
+        )
 
 
 def test_a_lens_of_drjit_arrays_is_taken_for_its_values():
@@ -188,6 +182,27 @@ def test_a_lens_of_drjit_arrays_is_taken_for_its_values():
     plain_lens = samples.lens.replace(f_number=4.0, focus_distance=3.0)
     np.testing.assert_allclose(
         np.array(pm.focus(samples, drjit_lens)), np.array(pm.focus(samples, plain_lens)), atol=1e-6
+    )
+
+
+def test_dividing_pixels_into_squares_adds_no_noise_to_a_blur():
+    edge = synthetic(8 * 40 * 30, size=(40, 30), z=np.full(8 * 40 * 30, 5.0))
+    edge = edge.replace(rgb=np.repeat((edge.x > 20)[:, None], 3, axis=1))
+    lens = edge.lens.replace(f_number=0.25)
+    whole, divided = (
+        np.array(pm.focus(edge, lens, inverse_square=False, squares=n)) for n in (1, 2)
+    )
+    # Along a straight edge all that differs from row to row is noise.
+    noise, noise_divided = (image[5:-5, 10:30].std(axis=0).mean() for image in (whole, divided))
+    assert 0 < noise_divided < 1.05 * noise
+
+
+def test_a_lens_in_millimetres_focuses_a_scene_in_metres():
+    samples = synthetic()
+    metres = samples.lens.replace(f_number=4.0, focus_distance=1.2)
+    millimetres = pm.ThinLens(metres.focal_length, 4.0, 1200.0)
+    np.testing.assert_allclose(
+        np.array(pm.focus(samples, millimetres)), np.array(pm.focus(samples, metres)), atol=1e-6
     )
 
 
@@ -247,6 +262,7 @@ def test_a_pixel_without_samples_shows_the_light_that_reaches_it():
         ({"squares": 0}, ValueError, "squares=0"),
         ({"inverse_square": 1}, TypeError, "inverse_square=1"),
         ({"lens": 550}, TypeError, "lens=550.*ThinLens"),
+        ({"psf": 3}, TypeError, "psf=3.*Disc"),
     ],
 )
 def test_a_bad_option_is_named(options, error, text):

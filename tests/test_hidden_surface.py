@@ -43,16 +43,17 @@ def test_other_variants_give_the_radiance_of_mi_render(variant):
     np.testing.assert_allclose(pinhole_mean(samples), expected, atol=1e-5)
 
 
-def test_bands_of_rows_sample_the_same_film(monkeypatch):
+@pytest.mark.parametrize("pixels", [1, 7, 24 * 3])
+def test_passes_of_some_pixels_sample_the_same_film(monkeypatch, pixels):
     scene = still_life(spp=64)
     whole = pm.render_samples(scene)
-    monkeypatch.setattr(hidden_surface, "WAVEFRONT", 24 * 64 * 3)
-    banded = pm.render_samples(scene)
-    np.testing.assert_array_equal(banded.pixel(), whole.pixel())
-    difference = pinhole_mean(banded) - pinhole_mean(whole)
+    monkeypatch.setattr(hidden_surface, "WAVEFRONT", 64 * pixels)
+    in_passes = pm.render_samples(scene)
+    np.testing.assert_array_equal(in_passes.pixel(), whole.pixel())
+    difference = pinhole_mean(in_passes) - pinhole_mean(whole)
     assert np.abs(difference).mean() < 0.01
-    jitter = banded.x.reshape(16, 24 * 64) % 1
-    assert not np.array_equal(jitter[0], jitter[3]), "every band must have jitter of its own"
+    jitter = in_passes.x.reshape(16, 24 * 64) % 1
+    assert not np.array_equal(jitter[0], jitter[3]), "every pass must have jitter of its own"
 
 
 def test_depth_is_along_the_axis_and_not_along_the_ray():
@@ -222,7 +223,7 @@ def test_an_empty_scene_is_refused():
 
 
 def test_a_film_of_one_pixel_is_refused():
-    with pytest.raises(ValueError, match="film: has 1x1 pixels"):
+    with pytest.raises(ValueError, match="film: its crop window has 1x1 pixels"):
         pm.render_samples(still_life(film={"width": 1, "height": 1}))
 
 
@@ -267,3 +268,25 @@ def test_infinite_radiance_is_dropped_with_a_warning():
     with pytest.warns(RuntimeWarning, match="dropped"):
         samples = pm.render_samples(scene)
     assert np.isfinite(np.array(pm.focus(samples))).all()
+
+
+def test_hidden_emitters_have_no_depth():
+    ball = {"type": "sphere", "center": [0, 0, 2.3], "radius": 0.3, "emitter": {"type": "area"}}
+    scene = still_life({**PATH, "hide_emitters": True}, ball=ball)
+    samples = pm.render_samples(scene)
+    assert set(np.unique(samples.surface)) == {0, 2}
+    assert np.isclose(samples.z[samples.surface == 2], 4).all()
+
+
+def test_the_medium_around_the_camera_is_seen_through():
+    fog = {"type": "homogeneous", "albedo": 0.0, "sigma_t": 0.3}
+    scene = still_life(
+        {"type": "volpath", "max_depth": 4},
+        spp=64,
+        sensor={"medium": fog, "f_number": 2.0},
+    )
+    clear = pm.render_samples(still_life({"type": "volpath", "max_depth": 4}, spp=64))
+    foggy = pm.render_samples(scene)
+    expected = np.array(mi.render(scene))
+    np.testing.assert_allclose(pinhole_mean(foggy), expected, atol=1e-5)
+    assert foggy.rgb.mean() < 0.5 * clear.rgb.mean()

@@ -92,6 +92,16 @@ def test_a_thinlens_scene_is_focused_with_its_aperture_and_focus():
     np.testing.assert_allclose(image, expected, atol=1e-4)
 
 
+def test_a_thinlens_focused_on_something_small_is_rendered():
+    scene = still_life(FOCUS, sensor={"type": "thinlens", "fov": 20.0, "aperture_radius": 0.001,
+                                      "focus_distance": 0.08}, spp=1)  # fmt: skip
+    lens = pm.render_samples(scene).lens
+    assert lens.aperture_radius == pytest.approx(0.001)
+    assert lens.focus_distance == pytest.approx(0.08)
+    assert lens.fov == pytest.approx(20, abs=1e-4)
+    assert np.isfinite(np.array(mi.render(scene))).all()
+
+
 def test_an_update_of_the_lens_takes_effect():
     scene = still_life(FOCUS, spp=8)
     before = np.array(mi.render(scene))

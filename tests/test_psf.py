@@ -154,7 +154,7 @@ def test_mirrored_positions_have_mirrored_tables(radius, offset):
 @pytest.mark.parametrize("largest", [0, 1, 5, 8, 9])
 def test_largest_cuts_and_leaves_the_middle_as_it_was(largest):
     whole = disc_table(7.3, (0.2, 0.9))
-    cut = disc_table(7.3, (0.2, 0.9), largest)
+    cut = disc_table(7.3, (0.2, 0.9), (largest, largest))
     reach = min(largest, 8)
     assert cut.shape == (2 * reach + 1, 2 * reach + 1)
     middle = slice(8 - reach, 8 + reach + 1)
@@ -193,3 +193,10 @@ def test_infinite_depth_has_the_limiting_circle():
     limit = Disc().table(LENS, math.inf, 14.0, (0.5, 0.5))
     np.testing.assert_allclose(limit, Disc().table(LENS, 1e12, 14.0, (0.5, 0.5)), atol=1e-9)
     assert len(limit) == 2 * math.ceil(50**2 / (2 * 950) * 14 / 2) + 1
+
+
+def test_a_table_is_cut_to_the_columns_and_rows_of_its_grid():
+    whole = disc_table(7.3, (0.2, 0.9))
+    cut = disc_table(7.3, (0.2, 0.9), (3, 5))
+    assert cut.shape == (11, 7)
+    np.testing.assert_array_equal(cut, whole[3:14, 5:12])

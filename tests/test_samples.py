@@ -20,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
     [
         ("rgb", np.nan),
         ("rgb", np.inf),
+        ("alpha", np.nan),
         ("z", np.nan),
         ("z", -1.0),
         ("x", np.inf),
@@ -105,8 +106,11 @@ def test_samples_on_a_lattice_are_not_merged():
 
 
 def test_a_bad_tolerance_is_named():
-    with pytest.raises(ValueError, match="tolerance=0"):
-        synthetic(5).merge(tolerance=0)
+    for tolerance in (0, -1, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"tolerance={tolerance}"):
+            synthetic(5).merge(tolerance=tolerance)
+    with pytest.raises(ValueError, match="lattice=-1"):
+        synthetic(5, lattice=-1)
 
 
 # ---------------------------------------------------------------- deep EXR
