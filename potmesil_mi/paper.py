@@ -115,8 +115,9 @@ def equation_20(
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
     mean /= samples.weight.sum()
-    # Numerators, the denominator, and without fall-off the denominator once more.
-    sums = np.zeros((squares.height, squares.width, len(mean) + 2))
+    # The numerators, the denominator, and where it is asked for the light before its fall-off.
+    unattenuated = inverse_square and not samples.lattice
+    sums = np.zeros((squares.height, squares.width, len(mean) + 1 + unattenuated))
     for depth, index, share in track(stack, "Focusing", total=tables + 1):
 
         def light_of(
@@ -129,21 +130,24 @@ def equation_20(
                 z = np.minimum(samples.z[i], stack.farthest)
                 falloff[:, 0] = np.square(stack.farthest / z)
             differences = np.concatenate([column[i] for column in columns], axis=1) - mean
-            return np.concatenate([differences * falloff, falloff, falloff**0], axis=1) * weight
+            values = [differences * falloff, falloff]
+            if unattenuated:
+                values.append(np.ones_like(falloff))
+            return np.concatenate(values, axis=1) * weight
 
         def table(offset: np.ndarray, depth: float = depth) -> np.ndarray:
             return psf.table(lens, depth, squares_per_mm, offset, (squares.width, squares.height))
 
         _spread(sums, squares, samples, index, light_of, table)
 
-    numerators, denominator, unattenuated = sums[..., :-2], sums[..., -2], sums[..., -1]
+    numerators, denominator, light = sums[..., : len(mean)], sums[..., len(mean)], sums[..., -1]
     lit = denominator > 1e-12 * denominator.max()
     q = mean + numerators / np.where(lit, denominator, 1)[..., None]
     # A mean of samples lies between them; what the convolution's rounding adds does not.
     least, most = (
         np.concatenate([bound(column, axis=0) for column in columns]) for bound in (np.min, np.max)
     )
-    weights = np.ones_like(unattenuated) if samples.lattice else np.maximum(unattenuated, 0)
+    weights = np.ones_like(light) if samples.lattice else np.maximum(light, 0)
     return np.where(lit[..., None], np.clip(q, least, most), 0), np.where(lit, weights, 0)
 
 
