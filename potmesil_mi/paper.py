@@ -29,7 +29,7 @@ from .progress import track
 from .psf import PointSpreadFunction
 from .samples import PointSamples
 
-SCATTER = 1 << 23
+SCATTER = 1 << 21
 """Most samples that are scattered at once; it bounds the memory of a step."""
 
 
@@ -245,6 +245,7 @@ def _spread(
     if small:
         _add(target, images[0], top, left)
         return
+    dr.flush_malloc_cache()  # the transforms need the memory that Dr.Jit would keep
     for kernel, image in zip(kernels, images, strict=True):
         if not image.any():
             continue
