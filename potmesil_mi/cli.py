@@ -14,7 +14,7 @@ from typing import Any
 import mitsuba as mi
 
 from .files import PICTURES, require_writable, write_picture
-from .focus import METHODS, check_options, focus
+from .focus import METHODS, check_options, film_options, focus
 from .hidden_surface import PATTERNS, Sampling, render_samples
 from .lens import IMAGE_DISTANCES, ThinLens
 from .samples import PointSamples
@@ -98,11 +98,9 @@ def render(options: argparse.Namespace) -> None:
     )
     if options.samples:
         samples.save(options.samples)
-    film = sensor.film()
     picture = focus(
         samples,
-        rfilter=film.rfilter(),
-        alpha=mi.has_flag(film.flags(), mi.FilmFlags.Alpha),
+        **film_options(sensor.film()),
         **{**getattr(integrator, "options", {}), **_focus_options(options)},
     )
     _write(picture, options.output)
@@ -111,8 +109,7 @@ def render(options: argparse.Namespace) -> None:
 def refocus(options: argparse.Namespace) -> None:
     """``potmesil focus``: samples through another lens."""
     _check_outputs(options.output)
-    if Path(options.samples).resolve() in {Path(path).resolve() for path in options.output}:
-        raise ValueError(f"{options.samples}: the picture must not take the place of its samples")
+    _require_apart(options.samples, options.output)
     check_options(**_focus_options(options))
     _set_variant(options.variant)
     samples = PointSamples.load(options.samples)
@@ -302,8 +299,12 @@ def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
         require_writable(path, PICTURES)
     if samples:
         require_writable(samples, [".exr"])
-        if Path(samples).resolve() in {Path(path).resolve() for path in pictures}:
-            raise ValueError(f"{samples}: given for the samples and for a picture")
+        _require_apart(samples, pictures)
+
+
+def _require_apart(samples: str, pictures: Sequence[str]) -> None:
+    if Path(samples).resolve() in {Path(path).resolve() for path in pictures}:
+        raise ValueError(f"{samples}: the picture must not take the place of its samples")
 
 
 def _set_variant(names: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -43,10 +44,9 @@ def focus(
     ``samples``                   point samples, of :func:`potmesil_mi.render_samples` or a
                                   file
     ``lens``                      any lens, in scene units of any size; the samples' own by
-                                  default. The field of view
-                                  stays that of the samples: the picture is that of a
-                                  ``thinlens`` with this ``aperture_radius`` and
-                                  ``focus_distance`` at their place
+                                  default. The field of view stays that of the samples: the
+                                  picture is that of a ``thinlens`` with this
+                                  ``aperture_radius`` and ``focus_distance`` at their place
     ``method``                    ``paper``: equation 20. It knows no occlusion
     ``psf``                       how the light of a point is spread; by default
                                   :class:`potmesil_mi.Disc`, uniform
@@ -62,7 +62,8 @@ def focus(
     ============================  ==========================================================
 
     Returns linear RGB (A), (height, width, 3 or 4), of the samples' crop window.
-    Raises ``ValueError`` that names the parameter, ``RuntimeError`` in scalar variants.
+    Raises ``ValueError`` or ``TypeError`` that names the parameter, ``RuntimeError`` in scalar
+    variants.
     """
     require_vectorised_variant("focus")
     check_options(method=method, tables=tables, inverse_square=inverse_square, squares=squares)
@@ -83,6 +84,12 @@ def focus(
         per_pixel=squares,
     )
     return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
+
+
+def film_options(film: mi.Film) -> dict[str, Any]:
+    """What :func:`focus` needs to know of the film that its picture is for."""
+    alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+    return {"rfilter": film.rfilter(), "alpha": alpha}
 
 
 def check_options(

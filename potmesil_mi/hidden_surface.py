@@ -7,6 +7,7 @@ place of the paper's ray tracer.
 from __future__ import annotations
 
 import dataclasses
+from numbers import Real
 from typing import Any
 
 import drjit as dr
@@ -54,6 +55,8 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
             raise ValueError(f"pattern={self.pattern!r}: must be one of {', '.join(PATTERNS)}")
+        if not isinstance(self.threshold, Real):
+            raise TypeError(f"threshold={self.threshold!r}: must be a number >= 0")
         if not self.threshold >= 0:
             raise ValueError(f"threshold={self.threshold}: must be >= 0")
         require_whole("subdivisions", self.subdivisions, 0, 8)
@@ -150,12 +153,12 @@ class _HiddenSurfaceStage:
                 mi.Point2i(index - y * self.width, y) + mi.Point2i(self.left, self.top)
             )
             position = corner + self.sampler.next_2d()
-            band = self._trace(position)
+            traced = self._trace(position)
             # In single precision corner + 0.99999 may round up into the next pixel.
             below = 1 - dr.epsilon(mi.Float)
-            band["x"] = dr.minimum(position.x, (corner.x + 1) * below)
-            band["y"] = dr.minimum(position.y, (corner.y + 1) * below)
-            for name, values in _to_host(band).items():
+            traced["x"] = dr.minimum(position.x, (corner.x + 1) * below)
+            traced["y"] = dr.minimum(position.y, (corner.y + 1) * below)
+            for name, values in _to_host(traced).items():
                 columns[name][start : start + count] = values
             start += count
         columns["weight"] = np.full(start, 1 / self.spp, dtype=np.float32)

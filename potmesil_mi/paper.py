@@ -32,14 +32,11 @@ from .samples import PointSamples
 SCATTER = 1 << 21
 """Most samples that are scattered at once; it bounds the memory of a step."""
 
-
 SMALL_REACH = 2
 """Circles that reach no farther than so many squares are added square by square."""
 
 SMALL_CLASSES = 64
 """Sub-pixel position classes on a side of a square for small circles, whose place matters most."""
-
-NO_CLASSES = np.empty(0, dtype=np.int32)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,11 +216,10 @@ def _spread(
     margin_x, margin_y = (reach_x, reach_y) if small else (0, 0)
     parts = [slice(start, min(start + SCATTER, count)) for start in range(0, count, SCATTER)]
 
-    def located(positions: np.ndarray, part: slice, origin: int) -> tuple[np.ndarray, np.ndarray]:
-        return squares.locate(positions[index[part]], origin, classes)
-
     (left, right), (top, bottom) = (
-        _range(located(positions, part, origin)[0] for part in parts)
+        squares.locate(_range(positions[index[part]] for part in parts), origin, classes)[
+            0
+        ].tolist()
         for positions, origin in ((samples.x, squares.left), (samples.y, squares.top))
     )
     left, top = left - margin_x, top - margin_y
@@ -232,12 +228,12 @@ def _spread(
     shape = (1 if small else classes**2, height, width, target.shape[-1])
     gathered = dr.zeros(mi.Float, math.prod(shape))
     for part in parts:
-        x, class_x = located(samples.x, part, squares.left)
-        y, class_y = located(samples.y, part, squares.top)
+        x, class_x = squares.locate(samples.x[index[part]], squares.left, classes)
+        y, class_y = squares.locate(samples.y[index[part]], squares.top, classes)
         class_ = class_y * classes + class_x
         place = (y - top) * width + (x - left)
         if small:
-            _scatter_add(gathered, light_of(part), place, width, kernels, class_)
+            _scatter_add(gathered, light_of(part), place, (kernels, class_, width))
         else:
             _scatter_add(gathered, light_of(part), class_ * (height * width) + place)
     images = np.array(gathered).reshape(shape)
@@ -259,14 +255,12 @@ def _scatter_add(
     target: mi.Float,
     values: np.ndarray,
     place: np.ndarray,
-    width: int = 0,
-    kernels: np.ndarray | None = None,
-    class_: np.ndarray = NO_CLASSES,
+    around: tuple[np.ndarray, np.ndarray, int] | None = None,
 ) -> None:
     """Add each row of ``values``, (n, C), to the C elements of ``target`` at its place.
 
-    With ``kernels``, (classes, K, L), it is spread over the K x L places around, in rows of
-    ``width``, by the kernel of its class.
+    With ``around`` it is spread over the K x L places around: kernels (classes, K, L), the class
+    of each row, and the number of places in a row of the picture.
     """
     # Auto would choose Local for large targets, several times slower with LLVM.
     llvm = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
@@ -277,9 +271,10 @@ def _scatter_add(
     index = dr.gather(mi.UInt32, mi.UInt32(place.astype(np.uint32)), row) * channels
     index += lane - row * channels
     value = mi.Float(values.ravel())
-    if kernels is None:
+    if around is None:
         dr.scatter_add(target, value, index, mode=mode)
     else:
+        kernels, class_, width = around
         rows, columns = kernels.shape[1:]
         flat = mi.Float(kernels.ravel())
         first = dr.gather(mi.UInt32, mi.UInt32(class_.astype(np.uint32)), row) * (rows * columns)
@@ -287,15 +282,15 @@ def _scatter_add(
             if kernels[:, dy, dx].any():
                 offset = (dy - rows // 2) * width + dx - columns // 2
                 share = dr.gather(mi.Float, flat, first + i)
-                around = mi.UInt32(mi.Int32(index) + offset * channels)
-                dr.scatter_add(target, value * share, around, mode=mode)
+                beside = mi.UInt32(mi.Int32(index) + offset * channels)
+                dr.scatter_add(target, value * share, beside, mode=mode)
     dr.eval(target)
 
 
-def _range(parts: Iterable[np.ndarray]) -> tuple[int, int]:
+def _range(parts: Iterable[np.ndarray]) -> np.ndarray:
     """Least and greatest of all elements."""
-    ends = [(int(part.min()), int(part.max())) for part in parts]
-    return min(least for least, _ in ends), max(most for _, most in ends)
+    ends = [(part.min(), part.max()) for part in parts]
+    return np.array([min(least for least, _ in ends), max(most for _, most in ends)])
 
 
 def _add(target: np.ndarray, image: np.ndarray, top: int, left: int) -> None:

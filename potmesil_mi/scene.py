@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import Any
 
 import mitsuba as mi
@@ -129,15 +130,13 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
         raise ValueError("scene: is empty, there must be at least one shape")
     unnamed = sorted((shape for shape in shapes if not shape.id()), key=_place)
     named = [(f"{s.class_name()}_{rank}", s) for rank, s in enumerate(unnamed, start=1)]
-    named = sorted(named + [(shape.id(), shape) for shape in shapes if shape.id()], key=_first)
+    named = sorted(
+        named + [(shape.id(), shape) for shape in shapes if shape.id()], key=itemgetter(0)
+    )
     places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for _, shape in named]
     table = np.zeros(max(places) + 1, dtype=np.uint32)
     table[places] = np.arange(1, len(places) + 1)
     return mi.UInt32(table), {i: name for i, (name, _) in enumerate(named, 1)}
-
-
-def _first(pair: tuple[str, Any]) -> str:
-    return pair[0]
 
 
 def _place(shape: mi.Shape) -> tuple[Any, ...]:

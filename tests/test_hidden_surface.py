@@ -201,6 +201,7 @@ def test_adaptive_pictures_come_close_to_many_samples_with_few():
     [
         ({"pattern": "hexagonal"}, "pattern='hexagonal'.*sampler, uniform, adaptive"),
         ({"threshold": -0.1}, "threshold=-0.1"),
+        ({"threshold": "low"}, "threshold='low'"),
         ({"threshold": np.nan}, "threshold=nan"),
         ({"subdivisions": 9}, "subdivisions=9"),
         ({"subdivisions": 1.5}, "subdivisions=1.5"),

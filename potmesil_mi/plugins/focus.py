@@ -7,7 +7,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..focus import check_options, focus
+from ..focus import check_options, film_options, focus
 from ..samples import PointSamples
 from ..scene import has_lens
 from .wrapper import WrapperIntegrator
@@ -57,8 +57,7 @@ class FocusIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The picture through the samples' lens, and no further channels."""
-        alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        image = np.array(focus(samples, rfilter=film.rfilter(), alpha=alpha, **self.options))
+        image = np.array(focus(samples, **film_options(film), **self.options))
         return image, image[..., :0]
 
     def to_string(self) -> str:

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..focus import focus
+from ..focus import film_options, focus
 from ..hidden_surface import WAVEFRONT
 from ..samples import PointSamples
 from .wrapper import WrapperIntegrator
@@ -68,25 +68,16 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
 def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     """RGB (A) of the samples through the film's filter, (height, width, 3 or 4)."""
-    alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+    options = film_options(film)
     if samples.lattice > 0:
         # A corner belongs to the four pixels around it, which equation 20 knows.
         pinhole = samples.lens.replace(f_number=math.inf)
-        return np.array(
-            focus(
-                samples,
-                pinhole,
-                tables=2,
-                inverse_square=False,
-                rfilter=film.rfilter(),
-                alpha=alpha,
-            )
-        )
+        return np.array(focus(samples, pinhole, tables=2, inverse_square=False, **options))
     film.prepare([])
     block = film.create_block()
     for start in range(0, len(samples), WAVEFRONT):
         part = slice(start, start + WAVEFRONT)
-        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if alpha else [])]
+        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if options["alpha"] else [])]
         weight = mi.Float(samples.weight[part])
         block.put(
             mi.Point2f(samples.x[part], samples.y[part]),
