@@ -118,3 +118,13 @@ def write_png(path: Path, picture: np.ndarray) -> None:
     """Write linear RGB as an sRGB picture."""
     path.parent.mkdir(parents=True, exist_ok=True)
     mi.util.write_bitmap(str(path), picture.astype(np.float32), write_async=False)
+
+
+def write_comparison(
+    folder: Path, stem: str, name: str, picture: np.ndarray, reference: np.ndarray
+) -> None:
+    """The picture, the reference and the difference, grey for none and 4 times enlarged."""
+    write_png(folder / f"{stem}_thinlens.png", reference)
+    write_png(folder / f"{stem}_{name}.png", picture)
+    difference = np.clip(picture, 0, 1) - np.clip(reference, 0, 1)
+    write_png(folder / f"{stem}_{name}_difference.png", np.clip(0.214 + 2 * difference, 0, 1))

@@ -12,23 +12,17 @@ References are kept in `output/thinlens_quality/` and used again; delete them to
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import hashlib
 import math
-import os
-from pathlib import Path
 
 import common
 import mitsuba as mi
 import numpy as np
-from common import console, decibels, first_and_steady, mean_square, psnr, timed
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from common import console, first_and_steady, psnr, timed
+from references import make_references, thinlens
 
 import potmesil_mi as pm
 
-FOLDER = common.OUTPUT / "thinlens_quality"
 LEAST_FLOOR = 50.0
-REFERENCE_SEED = 1000
 GOALS = {"paper": 30.0, "paper, no 1/z²": 35.0}
 
 
@@ -76,7 +70,14 @@ def main() -> None:
         sensor.lens().replace(f_number=arguments.f_number, focus_distance=distance)
         for distance in arguments.focus_distances
     ]
-    references = make_references(scene, lenses, arguments)
+    references = make_references(
+        common.SCENE,
+        scene,
+        lenses,
+        floor=arguments.floor,
+        most_seeds=arguments.most_seeds,
+        spp=arguments.reference_spp,
+    )
 
     sets, sampling_times = {}, {}
     for name, sampling in sample_sets(arguments):
@@ -177,123 +178,6 @@ def methods(sets: dict[str, pm.PointSamples], tables: int) -> dict:
     return result
 
 
-def thinlens(scene: mi.Scene, lens: pm.ThinLens, spp: int, seed: int):
-    """A function that renders with the built-in sensor at the place of the scene's."""
-    sensor = scene.sensors()[0]
-    equivalent = mi.load_dict(
-        {
-            **lens.to_thinlens(),
-            "to_world": mi.ScalarTransform4f(np.array(sensor.camera().to_world)),
-            "near_clip": sensor.near_clip(),
-            "far_clip": sensor.far_clip(),
-            "film": sensor.film(),
-            "sampler": {"type": "orthogonal", "sample_count": spp},
-        }
-    )
-    nested = scene.integrator().nested
-    return lambda: mi.render(scene, sensor=equivalent, integrator=nested, spp=spp, seed=seed)
-
-
-@dataclasses.dataclass
-class Reference:
-    """Sums of the pictures of even and of odd seeds, of which there are equally many."""
-
-    path: Path
-    spp: int
-    even: np.ndarray
-    odd: np.ndarray
-    count: int = 0
-
-    @classmethod
-    def open(cls, path: Path, res: int, spp: int) -> Reference:
-        """What is kept at ``path``, or an empty one."""
-        if path.exists():
-            with np.load(path) as kept:
-                return cls(path, spp, kept["even"], kept["odd"], int(kept["count"]))
-        return cls(path, spp, np.zeros((res, res, 3)), np.zeros((res, res, 3)))
-
-    @property
-    def mean(self) -> np.ndarray:
-        return (self.even + self.odd) / self.count
-
-    @property
-    def floor(self) -> float:
-        """PSNR of the noise of the mean of all seeds.
-
-        The halves are independent, so their difference has the variance of each twice, and
-        their mean half that of each: a quarter of the mean squared difference.
-        """
-        if self.count == 0:
-            return -math.inf
-        half = self.count / 2
-        return decibels(mean_square(self.even / half, self.odd / half) / 4)
-
-    def add_pair(self, render) -> None:
-        """Add one seed to either half, and keep the result."""
-        for half in (self.even, self.odd):
-            half += np.array(render(REFERENCE_SEED + self.count))
-            self.count += 1
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        with open(temporary, "wb") as file:
-            np.savez(file, even=self.even, odd=self.odd, count=self.count)
-        temporary.replace(self.path)
-
-
-def make_references(
-    scene: mi.Scene, lenses: list[pm.ThinLens], arguments: argparse.Namespace
-) -> list[Reference]:
-    """Converged `thinlens` pictures: kept ones, and as many seeds more as they need."""
-    references = []
-    version = scene_version()
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[state]}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
-        for lens in lenses:
-            path = FOLDER / (
-                f"{version}_{arguments.res}_f{lens.f_number:g}_{lens.focus_distance:g}mm"
-                f"_{arguments.reference_spp}spp.npz"
-            )
-            reference = Reference.open(path, arguments.res, arguments.reference_spp)
-            kept = reference.count
-            # Noise in dB does not tell how far there is to go, but seeds do, roughly.
-            task = progress.add_task(
-                f"thinlens, {lens.focus_distance:g} mm", total=None, state="first pair of seeds"
-            )
-            while reference.floor < arguments.floor and reference.count < arguments.most_seeds:
-                reference.add_pair(
-                    lambda seed, lens=lens: thinlens(scene, lens, arguments.reference_spp, seed)()
-                )
-                needed = reference.count * 10 ** ((arguments.floor - reference.floor) / 10)
-                progress.update(
-                    task,
-                    completed=reference.count,
-                    total=min(max(needed, reference.count), arguments.most_seeds),
-                    state=f"{reference.count} seeds, noise floor {reference.floor:.1f} dB",
-                )
-            state = f"{reference.count} seeds ({kept} kept), noise floor {reference.floor:.1f} dB"
-            progress.update(task, completed=1, total=1, state=state)
-            references.append(reference)
-    return references
-
-
-def scene_version() -> str:
-    """A digest of everything in the scene, so that no reference outlives a change to it."""
-    digest = hashlib.sha256(mi.__version__.encode())
-    scenes = common.SCENE.parent
-    for path in (common.SCENE, *sorted((scenes / "fragments").rglob("*"))):
-        if path.is_file():
-            digest.update(path.read_bytes())
-    for path in sorted((scenes / "textures").glob("*")):
-        if path.name.encode() in (scenes / "fragments" / "paper.xml").read_bytes():
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
 def write_images(
     name: str, lens: pm.ThinLens, picture: np.ndarray, reference: np.ndarray, res: int
 ) -> None:
@@ -301,12 +185,7 @@ def write_images(
     folder = common.OUTPUT / "thinlens_quality_images"
     slug = name.replace(", ", "_").replace(" ", "_").replace("/", "").replace("²", "2")
     stem = f"{res}_{lens.focus_distance:g}mm"
-    common.write_png(folder / f"{stem}_thinlens.png", reference)
-    common.write_png(folder / f"{stem}_{slug}.png", picture)
-    difference = np.clip(picture, 0, 1) - np.clip(reference, 0, 1)
-    common.write_png(
-        folder / f"{stem}_{slug}_difference.png", np.clip(0.214 + 2 * difference, 0, 1)
-    )
+    common.write_comparison(folder, stem, slug, picture, reference)
 
 
 def several(seconds: list[float]) -> str:

@@ -1,4 +1,4 @@
-"""The command line: ``potmesil render``, ``potmesil focus``, ``potmesil dof``."""
+"""The command line: ``potmesil render``, ``focus``, ``compare`` and ``dof``."""
 
 from __future__ import annotations
 
@@ -13,10 +13,18 @@ from typing import Any
 
 import mitsuba as mi
 
+from .compare import (
+    DIFFERENCE_FACTOR,
+    FLOOR_MARGIN,
+    REFERENCE_SPP,
+    compare,
+    output_paths,
+)
 from .files import PICTURES, require_writable, write_picture
 from .focus import METHODS, check_options, film_options, focus
 from .hidden_surface import PATTERNS, Sampling, render_samples
 from .lens import IMAGE_DISTANCES, ThinLens
+from .metrics import require_extra
 from .samples import PointSamples
 from .scene import has_lens, pick_sensor, potmesil_sensor
 
@@ -37,6 +45,17 @@ FOCUS_EXAMPLES = """
 examples:
   potmesil focus kitchen.exr --focus-distance 3.5 -o far.png
   potmesil focus kitchen.exr --f-number 8 --method paper --tables 200 -o sharper.exr
+"""
+
+COMPARE_EXAMPLES = f"""
+examples:
+  potmesil compare scenes/figure11.xml -D res=256 -o figure11
+  potmesil compare scenes/terrace.xml -D width=384 -D height=256 --spp 64 -o output/
+  potmesil compare kitchen.xml --f-number 2 --focus-distance 1.2 --reference-floor 55
+
+Writes focused, thinlens, reference and difference, each as .exr and .png; thinlens is that of about
+equal error, or of equal samples where its error stays the larger; difference is that of focused and
+reference, x {DIFFERENCE_FACTOR:g}. Needs pip install 'potmesil_mi[compare]'.
 """
 
 DOF_EXAMPLES = """
@@ -69,19 +88,7 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     _check_outputs(options.output, options.samples)
     check_options(**_focus_options(options))
-    _set_variant(options.variant)
-    # Optimised loading merges meshes of one material, and with them their ids and names.
-    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
-    if scene.integrator() is None:
-        raise ValueError(f"{options.scene}: has no integrator")
-    sensor = pick_sensor(scene, options.sensor)
-    lens = _lens_options(options)
-    if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
-        raise ValueError(
-            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
-            "--aperture-radius) and --focus-distance"
-        )
-    sensor = potmesil_sensor(sensor, **lens)
+    scene, sensor = _scene_with_lens(options)
     integrator = scene.integrator()
     sampling = getattr(integrator, "sampling", Sampling())
     samples = render_samples(
@@ -117,10 +124,32 @@ def refocus(options: argparse.Namespace) -> None:
     _write(focus(samples, lens, **_focus_options(options)), options.output)
 
 
+def against_thinlens(options: argparse.Namespace) -> None:
+    """``potmesil compare``: the focused picture beside a ray-traced one."""
+    require_extra()
+    if options.output:
+        output_paths(options.output)
+    check_options(**_focus_options(options))
+    scene, sensor = _scene_with_lens(options)
+    comparison = compare(
+        scene,
+        sensor,
+        spp=options.spp,
+        seed=options.seed,
+        reference_spp=options.reference_spp,
+        reference_floor=options.reference_floor,
+        **{**getattr(scene.integrator(), "options", {}), **_focus_options(options)},
+    )
+    console = _console()
+    console.print(comparison.table())
+    console.print(comparison.summary())
+    for path in comparison.write(options.output) if options.output else ():
+        print(path)
+
+
 def dof(options: argparse.Namespace) -> None:
     """``potmesil dof``: a table of depths of field."""
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
 
     unit = "mm" if options.millimeters_per_unit == 1 else "units"
@@ -146,7 +175,7 @@ def dof(options: argparse.Namespace) -> None:
                 *(f"{value:.{digits}f}" for value in (far, near, far - near)),
             )
         diameters.append(f"{lens.lens_diameter:.2f} mm at f/{f_number:g}")
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 100)
+    console = _console()
     console.print(table)
     console.print(f"Lens diameter is {', '.join(diameters)}")
 
@@ -162,20 +191,11 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(
         commands, "render", "render a Mitsuba scene through the lens", RENDER_EXAMPLES, render
     )
-    command.add_argument("scene", metavar="SCENE.xml", help="the scene")
     _add_output(command)
-    command.add_argument(
-        "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
-        help="value of a $KEY in the scene; may be given several times",
-    )  # fmt: skip
+    _add_scene(command)
     command.add_argument(
         "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR"
     )
-    command.add_argument("--sensor", type=int, default=0, help="number of the sensor (default 0)")
-    command.add_argument(
-        "--spp", type=int, default=0, help="samples a pixel (default: the sampler's count)"
-    )
-    command.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
     group = command.add_argument_group("sampling", "default: what the scene's integrator says")
     group.add_argument("--pattern", choices=PATTERNS, help="where the image is sampled")
     group.add_argument(
@@ -190,6 +210,32 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("samples", metavar="SAMPLES.exr", help="deep EXR of `render --samples`")
     _add_output(command)
+    _add_lens(command)
+    _add_method(command)
+
+    command = _command(
+        commands,
+        "compare",
+        "compare a focused picture with a ray-traced one: error and time",
+        COMPARE_EXAMPLES,
+        against_thinlens,
+    )
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER|PREFIX",
+        help="where to write the pictures: in a folder, or PREFIX-focused.exr and so on; "
+        "without it only the measurements are printed",
+    )  # fmt: skip
+    _add_variant(command)
+    _add_scene(command)
+    command.add_argument(
+        "--reference-spp", type=int, metavar="N", default=REFERENCE_SPP,
+        help="most samples a pixel of the reference (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--reference-floor", type=float, metavar="DB",
+        help="PSNR of the reference's own noise at which it is done (default: "
+        f"{FLOOR_MARGIN:g} dB above the focused picture's)",
+    )  # fmt: skip
     _add_lens(command)
     _add_method(command)
 
@@ -223,11 +269,28 @@ def _command(commands: Any, name: str, summary: str, examples: str, run: Any) ->
     return command
 
 
+def _add_scene(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scene", metavar="SCENE.xml", help="the scene")
+    command.add_argument(
+        "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
+        help="value of a $KEY in the scene; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--sensor", type=int, default=0, help="number of the sensor (default 0)")
+    command.add_argument(
+        "--spp", type=int, default=0, help="samples a pixel (default: the sampler's count)"
+    )
+    command.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+
+
 def _add_output(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "-o", "--output", metavar="FILE", action="append", required=True,
         help="picture to write, linear float .exr or sRGB .png, .jpg; may be given several times",
     )  # fmt: skip
+    _add_variant(command)
+
+
+def _add_variant(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "-m", "--variant", default=",".join(VARIANTS),
         help="Mitsuba variants, of which the first that works is taken (default %(default)s)",
@@ -262,6 +325,23 @@ def _add_method(command: argparse.ArgumentParser) -> None:
         help="weight samples by 1/z^2, as in the paper (default: yes)",
     )  # fmt: skip
     group.add_argument("--squares", type=int, help="squares on a side of a pixel (default 2)")
+
+
+def _scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
+    """The scene, and its sensor with the lens of the options."""
+    _set_variant(options.variant)
+    # Optimised loading merges meshes of one material, and with them their ids and names.
+    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    if scene.integrator() is None:
+        raise ValueError(f"{options.scene}: has no integrator")
+    sensor = pick_sensor(scene, options.sensor)
+    lens = _lens_options(options)
+    if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
+        raise ValueError(
+            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
+            "--aperture-radius) and --focus-distance"
+        )
+    return scene, potmesil_sensor(sensor, **lens)
 
 
 def _lens_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -314,6 +394,12 @@ def _set_variant(names: str) -> None:
 def _write(picture: mi.TensorXf, paths: Sequence[str]) -> None:
     for path in paths:
         write_picture(picture, path)
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 100)
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -4,8 +4,16 @@ One deep pixel holds the samples of one pixel, nearest first. ``R``, ``G``, ``B`
 mean what the OpenEXR standard says: colours are multiplied by ``A``, which is chosen so that
 flattening a pixel (each sample over those behind it) gives the weighted mean of its samples, the
 pinhole picture. Beside them stand ``id``, with its names in the ``idManifest``, and what the
-standard has no name for: ``potmesil.x`` and ``potmesil.y``, the position in the pixel,
-``potmesil.weight`` and ``potmesil.alpha``. Camera and lens are JSON in attributes of the header.
+standard has no name for: ``potmesil.x`` and ``potmesil.y``, the position in pixels of the whole
+film, ``potmesil.weight`` and ``potmesil.alpha``. Camera and lens are JSON in attributes of the
+header. The data window is the window that was sampled: with overscan it goes beyond the crop
+window, and may go beyond the film, the display window.
+
+What is hidden from the pinhole would spoil the flattened picture. It is in a second part of the
+file, named ``hidden``, which is there only if there are such samples; readers that know one part
+take the first, ``visible``. Its channels are the same and ``potmesil.layer``.
+
+Version 1 had neither hidden samples nor overscan, and positions relative to the pixel.
 """
 
 from __future__ import annotations
@@ -23,9 +31,10 @@ from .files import require_writable, written_whole
 from .lens import ThinLens
 from .samples import PointSamples
 
-VERSION = 1
+VERSION = 2
 
 _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
+_LAYER = "potmesil.layer"
 
 
 def save(samples: PointSamples, path: str | os.PathLike[str]) -> None:
@@ -35,30 +44,12 @@ def save(samples: PointSamples, path: str | os.PathLike[str]) -> None:
     nothing is left behind.
     """
     path = require_writable(path, [".exr"])
-    width, height = samples.camera.crop_size
-    pixel = samples.pixel()
-    order = np.lexsort([samples.z, pixel])
-    pixel = pixel[order]
-    counts = np.bincount(pixel, minlength=width * height)
-    share = _share(samples.weight[order], samples.alpha[order], counts)
-
-    def column(values: np.ndarray) -> np.ndarray:
-        return _per_pixel(values, counts).reshape(height, width)
-
-    offset_x = samples.x[order] - (pixel % width + samples.camera.crop_offset[0])
-    offset_y = samples.y[order] - (pixel // width + samples.camera.crop_offset[1])
-    channels = {
-        "A": column((samples.alpha[order] * share).astype(np.float32)),
-        "Z": column(samples.z[order]),
-        "id": column(samples.surface[order]),
-        "potmesil.x": column(offset_x.astype(np.float32)),
-        "potmesil.y": column(offset_y.astype(np.float32)),
-        "potmesil.weight": column(samples.weight[order]),
-        "potmesil.alpha": column(samples.alpha[order]),
-    }
-    for i, name in enumerate("RGB"):
-        channels[name] = column((samples.rgb[order, i] * share).astype(np.float32))
-    with written_whole(path) as temporary, OpenEXR.File(_header(samples), channels) as file:
+    header = _header(samples)
+    hidden = samples.layer > 0
+    parts = [OpenEXR.Part(header, _channels(samples, ~hidden), name="visible")]
+    if hidden.any():
+        parts.append(OpenEXR.Part(dict(header), _channels(samples, hidden), name="hidden"))
+    with written_whole(path) as temporary, OpenEXR.File(parts) as file:
         file.write(str(temporary))
 
 
@@ -77,7 +68,7 @@ def load(path: str | os.PathLike[str]) -> PointSamples:
         raise ValueError(f"{path}: is not an EXR file")
     try:
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            header = dict(file.header())
+            header, parts = dict(file.header()), len(file.parts)
         missing = {"potmesil:samples", "potmesil:camera", "potmesil:lens"} - set(header)
         if header.get("type") != OpenEXR.deepscanline or missing:
             raise ValueError(
@@ -85,9 +76,9 @@ def load(path: str | os.PathLike[str]) -> PointSamples:
                 "PointSamples.save wrote"
             )
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            if not file.parts:
+            if len(file.parts) < parts:  # parts that cannot be read are left out
                 raise ValueError(f"{path}: is truncated or damaged")
-            return _samples(dict(file.header()), file.channels())
+            return _samples(header, [part.channels for part in file.parts])
     except (RuntimeError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: is damaged or not of this version: {error}") from error
 
@@ -95,7 +86,6 @@ def load(path: str | os.PathLike[str]) -> PointSamples:
 def _header(samples: PointSamples) -> dict[str, Any]:
     camera, lens = samples.camera, samples.lens
     parameters = lens.to_dict()
-    left, top = camera.crop_offset
 
     def window(x: int, y: int, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
         return (
@@ -115,7 +105,7 @@ def _header(samples: PointSamples) -> dict[str, Any]:
         "type": OpenEXR.deepscanline,
         "compression": OpenEXR.ZIPS_COMPRESSION,
         "displayWindow": window(0, 0, *camera.film_size),
-        "dataWindow": window(left, top, *camera.crop_size),
+        "dataWindow": window(*samples.window),
         "idManifest": manifest,
         "aperture": float(ThinLens(**parameters).f_number),
         "focus": parameters["focus_distance"] * parameters["millimeters_per_unit"] / 1000,
@@ -126,36 +116,89 @@ def _header(samples: PointSamples) -> dict[str, Any]:
     }
 
 
-def _samples(header: dict[str, Any], channels: dict[str, Any]) -> PointSamples:
-    camera = Camera.from_dict(json.loads(header["potmesil:camera"]))
-    about = json.loads(header["potmesil:samples"])
-    if about["version"] != VERSION:
-        raise ValueError(f"version {about['version']}: must be {VERSION}")
-    columns = {name: channels[name].pixels.ravel() for name in ("R", "G", "B", "Z", "id", *_OWN)}
-    counts = np.array([0 if values is None else len(values) for values in columns["Z"]])
-    if not counts.any():
-        raise ValueError("there are no samples in it")
-    flat = {
-        name: np.concatenate([values for values in pixels if values is not None])
-        for name, pixels in columns.items()
+def _channels(samples: PointSamples, chosen: np.ndarray) -> dict[str, np.ndarray]:
+    """The deep channels of the ``chosen`` samples."""
+    width, height = samples.window[2:]
+    pixel = samples.pixel()[chosen]
+    order = np.lexsort([samples.z[chosen], pixel])
+    counts = np.bincount(pixel, minlength=width * height)
+    order = np.flatnonzero(chosen)[order]
+    weight, alpha = samples.weight[order], samples.alpha[order]
+    share = _share(weight, alpha, counts)
+    columns = {
+        "A": (alpha * share).astype(np.float32),
+        "Z": samples.z[order],
+        "id": samples.surface[order],
+        "potmesil.x": samples.x[order],
+        "potmesil.y": samples.y[order],
+        "potmesil.weight": weight,
+        "potmesil.alpha": alpha,
     }
-    width = camera.crop_size[0]
-    pixel = np.repeat(np.arange(len(counts)), counts)
-    weight, alpha = flat["potmesil.weight"], flat["potmesil.alpha"]
-    rgb = np.stack([flat[name] for name in "RGB"], axis=1)
+    for i, name in enumerate("RGB"):
+        columns[name] = (samples.rgb[order, i] * share).astype(np.float32)
+    layer = samples.layer[order].astype(np.uint32)
+    if layer.any():
+        columns[_LAYER] = layer
+    return {
+        name: _per_pixel(values, counts).reshape(height, width) for name, values in columns.items()
+    }
+
+
+def _samples(header: dict[str, Any], parts: list[dict[str, Any]]) -> PointSamples:
+    about = json.loads(header["potmesil:samples"])
+    version = about["version"]
+    if version not in (1, VERSION):
+        raise ValueError(f"version {version}: must be 1 or {VERSION}")
+    (left, top), (right, bottom) = (
+        tuple(int(n) for n in corner) for corner in header["dataWindow"]
+    )
+    window = (left, top, right - left + 1, bottom - top + 1)
+    columns = [_columns(channels, window, version) for channels in parts]
+    columns = [part for part in columns if part]
+    if not columns:
+        raise ValueError("there are no samples in it")
     return PointSamples(
-        x=flat["potmesil.x"] + (pixel % width + camera.crop_offset[0]).astype(np.float32),
-        y=flat["potmesil.y"] + (pixel // width + camera.crop_offset[1]).astype(np.float32),
-        rgb=rgb / _share(weight, alpha, counts)[:, None],
-        alpha=alpha,
-        z=flat["Z"],
-        surface=flat["id"],
-        weight=weight,
-        camera=camera,
+        **{name: np.concatenate([part[name] for part in columns]) for name in columns[0]},
+        camera=Camera.from_dict(json.loads(header["potmesil:camera"])),
         lens=ThinLens(**json.loads(header["potmesil:lens"])),
         surfaces={e.id(): e.text()[0] for e in header["idManifest"][0]},
         lattice=about["lattice"],
+        window=window,
     )
+
+
+def _columns(
+    channels: dict[str, Any], window: tuple[int, int, int, int], version: int
+) -> dict[str, np.ndarray]:
+    """The columns of one part of a file; none where it has no samples."""
+    names = ["R", "G", "B", "Z", "id", *_OWN]
+    names += [_LAYER] if _LAYER in channels else []
+    pixels = {name: channels[name].pixels.ravel() for name in names}
+    counts = np.array([0 if values is None else len(values) for values in pixels["Z"]])
+    if not counts.any():
+        return {}
+    flat = {
+        name: np.concatenate([values for values in column if values is not None])
+        for name, column in pixels.items()
+    }
+    weight, alpha = flat["potmesil.weight"], flat["potmesil.alpha"]
+    x, y = flat["potmesil.x"], flat["potmesil.y"]
+    if version == 1:
+        left, top, width, _ = window
+        pixel = np.repeat(np.arange(len(counts)), counts)
+        x = x + (pixel % width + left).astype(np.float32)
+        y = y + (pixel // width + top).astype(np.float32)
+    rgb = np.stack([flat[name] for name in "RGB"], axis=1)
+    return {
+        "x": x,
+        "y": y,
+        "rgb": rgb / _share(weight, alpha, counts)[:, None],
+        "alpha": alpha,
+        "z": flat["Z"],
+        "surface": flat["id"],
+        "weight": weight,
+        "layer": flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
+    }
 
 
 def _share(weight: np.ndarray, alpha: np.ndarray, counts: np.ndarray) -> np.ndarray:

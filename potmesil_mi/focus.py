@@ -14,25 +14,31 @@ import mitsuba as mi
 import numpy as np
 
 from .checks import require_whole
+from .layered import see_through
 from .lens import ThinLens
 from .paper import equation_20
 from .psf import Disc, PointSpreadFunction
 from .samples import PointSamples
 from .scene import require_vectorised_variant
 
-METHODS = ("paper",)
+METHODS = ("layered", "lightfield", "paper")
 MOST_TABLES = 10_000
+MOST_LENS_POINTS = 4096
+
+LENS_POINTS = {"layered": 32, "lightfield": 128}
+SQUARES = {"layered": 1, "lightfield": 2, "paper": 2}
 
 
 def focus(
     samples: PointSamples,
     lens: ThinLens | None = None,
     *,
-    method: str = "paper",
+    method: str = "layered",
     psf: PointSpreadFunction | None = None,
-    tables: int = 73,
-    inverse_square: bool = True,
-    squares: int = 2,
+    lens_points: int | None = None,
+    tables: int | None = None,
+    inverse_square: bool | None = None,
+    squares: int | None = None,
     rfilter: mi.ReconstructionFilter | None = None,
     alpha: bool = False,
 ) -> mi.TensorXf:
@@ -47,26 +53,39 @@ def focus(
                                   default. The field of view stays that of the samples: the
                                   picture is that of a ``thinlens`` with this
                                   ``aperture_radius`` and ``focus_distance`` at their place
-    ``method``                    ``paper``: equation 20. It knows no occlusion
+    ``method``                    ``layered`` (default): what is visible, fast.
+                                  ``lightfield``: the same with more lens points, on a finer
+                                  grid; the one to trust. ``paper``: equation 20, which knows
+                                  no occlusion
     ``psf``                       how the light of a point is spread; by default
                                   :class:`potmesil_mi.Disc`, uniform
-    ``tables``                    number of depths, equally spaced from the nearest to the
-                                  farthest sample, with a table each; 2 to 10000 (default 73,
-                                  the paper's)
-    ``inverse_square``            light falls off as 1/z^2, as in the paper (default); a
-                                  ray-traced lens does without
+    ``lens_points``               ``layered``, ``lightfield``: points of the lens from which
+                                  visibility is found, 1 to 4096 (default 32 and 128)
+    ``tables``                    ``paper``: number of depths, equally spaced from the nearest
+                                  to the farthest sample, with a table each; 2 to 10000
+                                  (default 73, the paper's)
+    ``inverse_square``            ``paper``: light falls off as 1/z^2 (default, the paper's);
+                                  a ray-traced lens does without
     ``squares``                   each pixel is evaluated as so many squares on a side, 1 to
-                                  16 (default 2, the paper's)
+                                  16 (default: ``layered`` 1, the others 2)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
     ============================  ==========================================================
 
-    Returns linear RGB (A), (height, width, 3 or 4), of the samples' crop window.
+    What ``layered`` and ``lightfield`` find out about samples is kept as long as they are, for
+    the next focus. Returns linear RGB (A), (height, width, 3 or 4), of the samples' crop window.
     Raises ``ValueError`` or ``TypeError`` that names the parameter, ``RuntimeError`` in scalar
     variants.
     """
     require_vectorised_variant("focus")
-    check_options(method=method, tables=tables, inverse_square=inverse_square, squares=squares)
+    options: dict[str, Any] = {
+        "method": method,
+        "lens_points": lens_points,
+        "tables": tables,
+        "inverse_square": inverse_square,
+        "squares": squares,
+    }
+    check_options(**{name: value for name, value in options.items() if value is not None})
     lens = samples.lens if lens is None else lens
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
@@ -74,15 +93,30 @@ def focus(
     if not hasattr(psf, "table"):
         raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
 
-    fine, weights = equation_20(
-        samples,
-        ThinLens(**lens.to_dict()).in_units(samples.lens.millimeters_per_unit),
-        psf,
-        alpha=alpha,
-        tables=tables,
-        inverse_square=inverse_square,
-        per_pixel=squares,
-    )
+    lens = ThinLens(**lens.to_dict()).in_units(samples.lens.millimeters_per_unit)
+    squares = SQUARES[method] if squares is None else squares
+    if method == "paper":
+        weights: np.ndarray | None
+        fine, weights = equation_20(
+            samples,
+            lens,
+            psf,
+            alpha=alpha,
+            tables=73 if tables is None else tables,
+            inverse_square=True if inverse_square is None else bool(inverse_square),
+            per_pixel=squares,
+        )
+    else:
+        fine = see_through(
+            samples,
+            lens,
+            psf,
+            alpha=alpha,
+            lens_points=LENS_POINTS[method] if lens_points is None else lens_points,
+            per_pixel=squares,
+            exact=method == "lightfield",
+        )
+        weights = None
     return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
 
 
@@ -93,11 +127,17 @@ def film_options(film: mi.Film) -> dict[str, Any]:
 
 
 def check_options(
-    *, method: str = "paper", tables: int = 73, inverse_square: bool = True, squares: int = 2
+    *,
+    method: str = "layered",
+    lens_points: int = 1,
+    tables: int = 2,
+    inverse_square: bool = True,
+    squares: int = 1,
 ) -> None:
     """Raise ``ValueError`` or ``TypeError`` for an option that :func:`focus` cannot use."""
     if method not in METHODS:
         raise ValueError(f"method={method!r}: must be one of {', '.join(METHODS)}")
+    require_whole("lens_points", lens_points, 1, MOST_LENS_POINTS)
     require_whole("tables", tables, 2, MOST_TABLES)
     require_whole("squares", squares, 1, 16)
     if not isinstance(inverse_square, (bool, np.bool_)):
@@ -106,15 +146,20 @@ def check_options(
 
 def reconstruct(
     fine: np.ndarray,
-    weights: np.ndarray,
+    weights: np.ndarray | None,
     squares: int,
     rfilter: mi.ReconstructionFilter | None = None,
 ) -> np.ndarray:
     """Pixels of a film from ``squares`` x ``squares`` values in each.
 
     A pixel is the mean of the squares under its filter (box by default), each weighted by
-    ``weights``, float (H, W). Where all weights are 0 it is 0.
+    ``weights``, float (H, W), or all alike. Where all weights are 0 it is 0.
     """
+    if weights is None and (rfilter is None or rfilter.is_box_filter()):
+        height, width, channels = fine.shape
+        tiles = fine.reshape(height // squares, squares, width // squares, squares, channels)
+        return tiles.mean(axis=(1, 3))
+    weights = np.ones(fine.shape[:2]) if weights is None else weights
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * squares))
     taps = response((np.arange(-margin, squares + margin) + 0.5) / squares - 0.5)

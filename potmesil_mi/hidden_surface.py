@@ -7,6 +7,7 @@ place of the paper's ray tracer.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
@@ -15,9 +16,21 @@ import mitsuba as mi
 import numpy as np
 
 from .checks import require_whole
+from .disocclusion import disoccluded, overscan, widest_parallax_scale
+from .lens import ThinLens
 from .progress import track
 from .samples import PointSamples
-from .scene import pick_sensor, potmesil_sensor, require_vectorised_variant, surface_ids
+from .scene import (
+    closed_shapes,
+    pick_sensor,
+    potmesil_sensor,
+    require_vectorised_variant,
+    surface_ids,
+)
+from .virtual_depth import has_specular, passes_straight, seen
+
+PROBES = 512
+"""Rays on a side that look for how far overscan must reach."""
 
 WAVEFRONT = 1 << 22
 """Most rays that are traced at once, or those of one pixel if it has more: memory is bounded."""
@@ -42,6 +55,16 @@ class Sampling:
                                   B, clipped to [0, 1]; >= 0 (default 25/255, the paper's)
     ``subdivisions``              ``adaptive``: largest number of subdivisions of a pixel,
                                   0 to 8 (default 2)
+    ``layers``                    how many surfaces along a ray are sampled, 1 to 16: those
+                                  behind the first only where the lens can see them past the
+                                  edge of a nearer one (default 2)
+    ``overscan``                  pixels sampled beyond each side of the crop window, 0 to
+                                  10000; by default as far as the circles of confusion of what
+                                  lies there reach, at any focus within the scene's depth
+    ``min_f_number``              the widest aperture that ``layers`` and ``overscan`` must
+                                  serve; by default that of the lens at hand
+    ``virtual_depth``             depth of what is seen in mirrors and through panes is that of
+                                  its image (default), not that of the mirror or pane
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
@@ -51,6 +74,10 @@ class Sampling:
     pattern: str = "sampler"
     threshold: float = 25 / 255
     subdivisions: int = 2
+    layers: int = 2
+    overscan: int | None = None
+    min_f_number: float | None = None
+    virtual_depth: bool = True
 
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
@@ -60,6 +87,15 @@ class Sampling:
         if not self.threshold >= 0:
             raise ValueError(f"threshold={self.threshold}: must be >= 0")
         require_whole("subdivisions", self.subdivisions, 0, 8)
+        require_whole("layers", self.layers, 1, 16)
+        if self.overscan is not None:
+            require_whole("overscan", self.overscan, 0, 10_000)
+        if self.min_f_number is not None and not isinstance(self.min_f_number, Real):
+            raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
+        if self.min_f_number is not None and not self.min_f_number > 0:
+            raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
+        if not isinstance(self.virtual_depth, (bool, np.bool_)):
+            raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
 
 
 def render_samples(
@@ -98,10 +134,14 @@ def render_samples(
     require_whole("spp", spp, 0, 2**32 - 1)
     require_whole("seed", seed, 0, 2**32 - 1)
     with dr.suspend_grad():
-        stage = _HiddenSurfaceStage(scene, sensor, integrator, spp, seed)
-        columns = stage.run(sampling)
+        stage = _HiddenSurfaceStage(scene, sensor, integrator, spp, seed, sampling)
+        columns = stage.run()
     return PointSamples(
-        **columns, camera=sensor.camera(), lens=sensor.lens(), surfaces=stage.surfaces
+        **columns,
+        camera=sensor.camera(),
+        lens=sensor.lens(),
+        surfaces=stage.surfaces,
+        window=stage.window,
     )
 
 
@@ -115,9 +155,13 @@ class _HiddenSurfaceStage:
         integrator: mi.SamplingIntegrator,
         spp: int,
         seed: int,
+        sampling: Sampling,
     ) -> None:
         self.scene, self.sensor, self.integrator, self.seed = scene, sensor, integrator, seed
+        self.sampling = sampling
         self.ids, self.surfaces = surface_ids(scene)
+        self.follows = sampling.virtual_depth and has_specular(scene)
+        self.closed = closed_shapes(scene) if sampling.layers > 1 else None
         self.sampler = sensor.sampler().clone()
         if spp > 0:
             self.sampler.set_sample_count(spp)
@@ -125,39 +169,61 @@ class _HiddenSurfaceStage:
         self.sampler.set_samples_per_wavefront(self.spp)
         self.passes = 0
         film = sensor.film()
-        self.width, self.height = (int(n) for n in film.crop_size())
-        self.left, self.top = (int(n) for n in film.crop_offset())
-        if self.width * self.height == 1:
+        self.crop_size = tuple(int(n) for n in film.crop_size())
+        self.crop_offset = tuple(int(n) for n in film.crop_offset())
+        if self.crop_size[0] * self.crop_size[1] == 1:
             raise ValueError("film: its crop window has 1x1 pixels, must have more than one")
+        self.lens = sensor.lens()
+        if sampling.min_f_number is not None:
+            self.lens = self.lens.replace(f_number=sampling.min_f_number)
+        self.window = self._window()
 
-    def run(self, sampling: Sampling) -> dict[str, Any]:
-        """The columns of :class:`PointSamples` by the pattern that ``sampling`` names."""
-        if sampling.pattern == "uniform":
-            return self._uniform()
-        if sampling.pattern == "adaptive":
-            return self._adaptive(sampling.threshold, sampling.subdivisions)
-        return self._by_sampler()
+    def run(self) -> dict[str, Any]:
+        """The columns of :class:`PointSamples`."""
+        if self.sampling.pattern == "uniform":
+            columns = self._uniform()
+        elif self.sampling.pattern == "adaptive":
+            columns = self._adaptive(self.sampling.threshold, self.sampling.subdivisions)
+        else:
+            columns = self._by_sampler()
+        columns["layer"] = np.zeros(len(columns["x"]), dtype=np.uint8)
+        return self._with_hidden(columns)
 
     def _by_sampler(self) -> dict[str, Any]:
-        """``spp`` samples in each pixel where the sampler puts them, pixel by pixel."""
-        pixels, per_pass = self.width * self.height, max(1, WAVEFRONT // self.spp)
+        """``spp`` samples in each pixel where the sampler puts them, pixel by pixel.
+
+        The crop window comes first, so that its rays are those of ``mi.render``.
+        """
+        (left, top), (width, height) = self.crop_offset, self.crop_size
+        row, column = np.divmod(np.arange(width * height), width)
+        parts = [(column + left, row + top)]
+        first, above, wide, high = self.window
+        row, column = np.divmod(np.arange(wide * high), wide)
+        column, row = column + first, row + above
+        beyond = (column < left) | (column >= left + width)
+        beyond |= (row < top) | (row >= top + height)
+        if beyond.any():
+            parts.append((column[beyond], row[beyond]))
+        pixels = sum(len(column) for column, _ in parts)
         columns = _empty_columns(pixels * self.spp)
+        per_pass = max(1, WAVEFRONT // self.spp)
+        passes = [
+            (column[first : first + per_pass], row[first : first + per_pass])
+            for column, row in parts
+            for first in range(0, len(column), per_pass)
+        ]
         start = 0
-        for first in track(range(0, pixels, per_pass), "Sampling"):
-            count = min(per_pass, pixels - first) * self.spp
+        for column, row in track(passes, "Sampling"):
+            count = len(column) * self.spp
             self._seed(count)
-            index = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, self.spp)
-            index += dr.opaque(mi.UInt32, first)
-            y = index // self.width
+            pixel = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, self.spp)
             corner = mi.Point2f(
-                mi.Point2i(index - y * self.width, y) + mi.Point2i(self.left, self.top)
+                dr.gather(mi.Float, mi.Float(column.astype(np.float32)), pixel),
+                dr.gather(mi.Float, mi.Float(row.astype(np.float32)), pixel),
             )
             position = corner + self.sampler.next_2d()
             traced = self._trace(position)
-            # In single precision corner + 0.99999 may round up into the next pixel.
-            below = 1 - dr.epsilon(mi.Float)
-            traced["x"] = dr.minimum(position.x, (corner.x + 1) * below)
-            traced["y"] = dr.minimum(position.y, (corner.y + 1) * below)
+            traced["x"], traced["y"] = _within(position.x, corner.x), _within(position.y, corner.y)
             for name, values in _to_host(traced).items():
                 columns[name][start : start + count] = values
             start += count
@@ -166,9 +232,8 @@ class _HiddenSurfaceStage:
 
     def _uniform(self) -> dict[str, Any]:
         """The paper's grid of corners, middles of edges and centres of the pixels."""
-        iy, ix = np.divmod(
-            np.arange((2 * self.width + 1) * (2 * self.height + 1)), 2 * self.width + 1
-        )
+        width, height = self.window[2:]
+        iy, ix = np.divmod(np.arange((2 * width + 1) * (2 * height + 1)), 2 * width + 1)
         columns = self._at_lattice(ix, iy, 2)
         return {**columns, "weight": np.full(len(ix), 0.25), "lattice": 2}
 
@@ -176,13 +241,14 @@ class _HiddenSurfaceStage:
         """Pixel corners, subdivided where they differ: the paper's antialiasing (figure 8).
 
         A sample's weight is a quarter of the area of the squares, not divided further, of which
-        it is a corner; on the border of the film the squares beyond it are taken for the
+        it is a corner; on the border of the window the squares beyond it are taken for the
         mirror image of those inside.
         """
         lattice = 1 << subdivisions
-        stride = self.width * lattice + 1
+        width, height = self.window[2:]
+        stride = width * lattice + 1
         side = lattice
-        corner_y, corner_x = np.divmod(np.arange(self.width * self.height), self.width)
+        corner_y, corner_x = np.divmod(np.arange(width * height), width)
         squares = np.stack([corner_x, corner_y]) * lattice
         known = np.empty(0, dtype=np.int64)
         columns = _empty_columns(0)
@@ -216,20 +282,27 @@ class _HiddenSurfaceStage:
                 ]
             )
         for position, last in (
-            (known % stride, self.width * lattice),
-            (known // stride, self.height * lattice),
+            (known % stride, width * lattice),
+            (known // stride, height * lattice),
         ):
             weight[(position == 0) | (position == last)] *= 2
         return {**columns, "weight": weight, "lattice": lattice}
 
     def _at_lattice(self, ix: np.ndarray, iy: np.ndarray, lattice: int) -> dict[str, np.ndarray]:
-        """Samples at (ix, iy) / lattice pixels of the crop window, each of ``spp`` paths."""
-        columns = _empty_columns(len(ix))
-        x = (ix / lattice + self.left).astype(np.float32)
-        y = (iy / lattice + self.top).astype(np.float32)
+        """Samples at (ix, iy) / lattice pixels of the window, each of ``spp`` paths."""
+        left, top = self.window[:2]
+        x = (ix / lattice + left).astype(np.float32)
+        y = (iy / lattice + top).astype(np.float32)
+        return self._averaged(x, y, self._trace, "Sampling")
+
+    def _averaged(
+        self, x: np.ndarray, y: np.ndarray, trace: Callable[..., dict[str, Any]], label: str
+    ) -> dict[str, np.ndarray]:
+        """Samples at (x, y), float32 (N,) in pixels of the film, each of ``spp`` paths."""
+        columns = _empty_columns(len(x))
         points = max(1, WAVEFRONT // self.spp)
-        for start in track(range(0, len(ix), points), "Sampling"):
-            stop = min(start + points, len(ix))
+        for start in track(range(0, len(x), points), label):
+            stop = min(start + points, len(x))
             self._seed((stop - start) * self.spp)
             index = dr.arange(mi.UInt32, (stop - start) * self.spp)
             index //= dr.opaque(mi.UInt32, self.spp)
@@ -237,7 +310,7 @@ class _HiddenSurfaceStage:
                 dr.gather(mi.Float, mi.Float(x[start:stop]), index),
                 dr.gather(mi.Float, mi.Float(y[start:stop]), index),
             )
-            for name, values in _to_host(self._trace(position)).items():
+            for name, values in _to_host(trace(position)).items():
                 paths = values.reshape(stop - start, self.spp, *values.shape[1:])
                 averaged = name in ("rgb", "alpha")
                 columns[name][start:stop] = paths.mean(axis=1) if averaged else paths[:, 0]
@@ -251,37 +324,196 @@ class _HiddenSurfaceStage:
         self.sampler.seed(seed, wavefront)
         self.passes += 1
 
+    def _window(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of what is sampled: the crop window and overscan."""
+        (left, top), (width, height) = self.crop_offset, self.crop_size
+        margin = self.sampling.overscan
+        if margin is not None:
+            return left - margin, top - margin, width + 2 * margin, height + 2 * margin
+        lens = ThinLens(**self.lens.to_dict())
+        if lens.aperture_radius == 0:
+            return left, top, width, height
+        side = max(width, height)
+        spacing = 2 * side / PROBES
+        start = spacing / 2 - side / 2
+        x = np.arange(left + start, left + width + side / 2, spacing)
+        y = np.arange(top + start, top + height + side / 2, spacing)
+        x, y = (axis.ravel().astype(np.float32) for axis in np.meshgrid(x, y))
+        ray, _ = self._primary_ray(mi.Point2f(x, y), mi.Float(0.5), self.sensor.shutter_open())
+        z = np.array(self._seen(mi.Ray3f(ray))[0])
+        crop = (left, top, width, height)
+        return overscan(x, y, z, spacing, crop, lens, self.sensor.camera())
+
     def _trace(self, position: mi.Point2f) -> dict[str, Any]:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
 
         The sampler is asked in the order in which Mitsuba's own integrators ask it, so that
         the rays and the radiance are theirs.
         """
+        ray, ray_weight = self._sampled_ray(position)
+        depth, hit, _ = self._seen(mi.Ray3f(ray))
+        return self._shaded(ray, ray_weight, depth, hit, mi.Bool(True))
+
+    def _sampled_ray(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray of a sample, with time and wavelengths that the sampler gives."""
         sensor, sampler = self.sensor, self.sampler
-        scale = dr.rcp(mi.ScalarVector2f(self.width, self.height))
-        offset = -mi.ScalarVector2f(self.left, self.top) * scale
         time = sensor.shutter_open()
         if sensor.shutter_open_time() > 0:
             time += sampler.next_1d() * sensor.shutter_open_time()
         wavelength_sample = sampler.next_1d() if mi.is_spectral else mi.Float(0)
-        ray, ray_weight = sensor.sample_ray_differential(
+        return self._primary_ray(position, wavelength_sample, time)
+
+    def _primary_ray(
+        self, position: mi.Point2f, wavelength_sample: mi.Float, time: mi.Float
+    ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray through ``position``, in pixels of the film, and its weight."""
+        scale = dr.rcp(mi.ScalarVector2f(self.crop_size))
+        offset = -mi.ScalarVector2f(self.crop_offset) * scale
+        ray, weight = self.sensor.sample_ray_differential(
             time, wavelength_sample, dr.fma(position, scale, offset), mi.Point2f(0.5)
         )
         ray.scale_differential(dr.rsqrt(mi.ScalarFloat(self.spp)))
+        return ray, weight
 
-        hit = self._first_hit(mi.Ray3f(ray))
-        depth = (sensor.world_transform().inverse() @ hit.p).z
-        shape = dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape)
-        place = dr.reinterpret_array(mi.UInt32, shape)
+    def _shaded(
+        self,
+        ray: mi.RayDifferential3f,
+        ray_weight: mi.Spectrum,
+        depth: mi.Float,
+        hit: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> dict[str, Any]:
+        """Radiance along ``ray``, with the depth and the surface of what it shows."""
         radiance, valid, _ = mi.SamplingIntegrator.sample(
-            self.integrator, self.scene, sampler, ray, sensor.get_medium(), True
+            self.integrator, self.scene, self.sampler, ray, self.sensor.get_medium(), active
         )
         return {
             "rgb": _to_rgb(radiance * ray_weight, ray.wavelengths),
             "alpha": dr.select(valid, mi.Float(1), mi.Float(0)),
-            "z": dr.select(hit.is_valid(), depth, dr.inf),
-            "surface": dr.gather(mi.UInt32, self.ids, place, hit.is_valid()),
+            "z": depth,
+            "surface": dr.gather(mi.UInt32, self.ids, _place(hit), hit.is_valid()),
         }
+
+    def _seen(self, ray: mi.Ray3f) -> tuple[mi.Float, mi.SurfaceInteraction3f, mi.Bool]:
+        """Depth and surface of what a primary ray shows, and whether in a mirror."""
+        hit = self._first_hit(ray)
+        if not self.follows:
+            return self._depth(hit), hit, mi.Bool(False)
+        to_world = self.sensor.world_transform()
+        axis = to_world @ mi.Vector3f(0, 0, 1)
+        return seen(self.scene, to_world @ mi.Point3f(0), ray, hit, axis)
+
+    def _depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
+        """Depth along the camera's axis, infinite where nothing was hit."""
+        depth = (self.sensor.world_transform().inverse() @ hit.p).z
+        return dr.select(hit.is_valid(), depth, dr.inf)
+
+    def _with_hidden(self, columns: dict[str, Any]) -> dict[str, Any]:
+        """The columns, and after them those of the surfaces behind, layer by layer."""
+        group = 1 if "lattice" in columns else self.spp  # samples that the sampler keeps together
+        chosen = self._may_hide(columns)
+        layers = [{name: columns[name] for name in columns if name != "lattice"}]
+        for layer in range(1, self.sampling.layers):
+            chosen = np.flatnonzero(chosen)
+            if len(chosen) == 0:
+                break
+            behind = self._behind(columns["x"][chosen], columns["y"][chosen], layer, group)
+            seen = behind["z"] > 0
+            behind["weight"] = columns["weight"][chosen]
+            behind["layer"] = np.full(len(chosen), layer, dtype=np.uint8)
+            layers.append({name: values[seen] for name, values in behind.items()})
+            goes_on = np.zeros(len(columns["x"]), dtype=bool)
+            goes_on[chosen] = seen & np.isfinite(behind["z"])
+            chosen = np.repeat(goes_on.reshape(-1, group).any(axis=1), group)
+        return {
+            **columns,
+            **{name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]},
+        }
+
+    def _may_hide(self, columns: dict[str, Any]) -> np.ndarray:
+        """Which samples, bool (N,), may have something behind them that the lens sees."""
+        count = len(columns["x"])
+        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(columns["z"].min()))
+        if self.sampling.layers == 1 or scale == 0:
+            return np.zeros(count, dtype=bool)
+        left, top, width, height = self.window
+        column = np.clip(columns["x"].astype(np.int64) - left, 0, width - 1)
+        row = np.clip(columns["y"].astype(np.int64) - top, 0, height - 1)
+        pixel = row * width + column
+        nearest = np.full(width * height, np.inf, dtype=np.float32)
+        farthest = np.zeros(width * height, dtype=np.float32)
+        np.minimum.at(nearest, pixel, columns["z"])
+        np.maximum.at(farthest, pixel, columns["z"])
+        farthest[farthest == 0] = np.inf
+        shape = (height, width)
+        return disoccluded(nearest.reshape(shape), farthest.reshape(shape), scale).ravel()[pixel]
+
+    def _behind(
+        self, x: np.ndarray, y: np.ndarray, layer: int, group: int
+    ) -> dict[str, np.ndarray]:
+        """Samples of the surface behind ``layer`` others; z is 0 where there is none."""
+
+        def trace(position: mi.Point2f) -> dict[str, Any]:
+            return self._trace_behind(position, mi.UInt32(layer))
+
+        if group == 1:
+            return self._averaged(x, y, trace, "Hidden surfaces")
+        columns = _empty_columns(len(x))
+        size = max(1, WAVEFRONT // group) * group
+        for start in track(range(0, len(x), size), "Hidden surfaces"):
+            part = slice(start, start + size)
+            self._seed(len(x[part]))
+            for name, values in _to_host(trace(mi.Point2f(x[part], y[part]))).items():
+                columns[name][part] = values
+        return {**columns, "x": x, "y": y}
+
+    def _trace_behind(self, position: mi.Point2f, layer: mi.UInt32) -> dict[str, Any]:
+        """What the rays through ``position`` meet behind ``layer`` surfaces; z = 0 for nothing.
+
+        The far sides of closed shapes, and what is inside them, no lens sees: they are passed.
+        """
+        ray, ray_weight = self._sampled_ray(position)
+        _, hit, mirrored = self._seen(mi.Ray3f(ray))
+        end = ray(ray.maxt)
+
+        def enters(hit: mi.SurfaceInteraction3f) -> mi.UInt32:
+            """The shape, counted from 1, if its inside lies behind the hit; 0 otherwise."""
+            place = _place(hit)
+            faces = dr.dot(hit.n, ray.d) < 0
+            closed = dr.gather(mi.Bool, self.closed, place, hit.is_valid())
+            return dr.select(faces & closed, place + 1, 0)
+
+        def onwards(hit: mi.SurfaceInteraction3f) -> mi.Ray3f:
+            further = hit.spawn_ray(ray.d)
+            further.maxt = dr.dot(end - further.o, ray.d)
+            return further
+
+        def step(
+            active: mi.Bool,
+            hit: mi.SurfaceInteraction3f,
+            origin: mi.Point3f,
+            inside: mi.UInt32,
+            passed: mi.UInt32,
+        ) -> tuple[Any, ...]:
+            further = onwards(hit)
+            hit = self.scene.ray_intersect(further, active)
+            origin = mi.Point3f(further.o)
+            counts = active & (inside == 0) & ~self._is_left_out(hit)
+            if self.follows:
+                counts &= ~passes_straight(hit, counts)
+            leaves = hit.is_valid() & (_place(hit) + 1 == inside)
+            inside = dr.select(leaves, 0, dr.select(counts, enters(hit), inside))
+            passed = passed + dr.select(counts, mi.UInt32(1), mi.UInt32(0))
+            return active & hit.is_valid() & (passed < layer), hit, origin, inside, passed
+
+        active = hit.is_valid() & ~mirrored
+        state = (active, hit, mi.Point3f(ray.o), enters(hit), mi.UInt32(0))
+        _, behind, origin, _, passed = dr.while_loop(state, lambda active, *_: active, step)
+        there = active & (passed == layer)
+        ray.o = dr.select(there, origin, ray.o)
+        ray.maxt = dr.dot(end - ray.o, ray.d)
+        depth = dr.select(there, self._depth(behind), 0)
+        return self._shaded(ray, ray_weight, depth, behind, there)
 
     def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
         """The surface that the nested integrator sees first: it may leave out area lights."""
@@ -289,14 +521,31 @@ class _HiddenSurfaceStage:
         if not self.integrator.hide_emitters:
             return hit
 
-        def is_lamp(hit: mi.SurfaceInteraction3f) -> mi.Bool:
-            return hit.is_valid() & hit.shape.is_emitter()
-
         def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
             hit = self.scene.ray_intersect(hit.spawn_ray(ray.d), active)
-            return active & is_lamp(hit), hit
+            return active & self._is_left_out(hit), hit
 
-        return dr.while_loop((is_lamp(hit), hit), lambda active, _: active, step)[1]
+        state = (self._is_left_out(hit), hit)
+        return dr.while_loop(state, lambda active, _: active, step)[1]
+
+    def _is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Whether the nested integrator does not show the surface, for it may hide lamps."""
+        if not self.integrator.hide_emitters:
+            return mi.Bool(False)
+        return hit.is_valid() & hit.shape.is_emitter()
+
+
+def _place(hit: mi.SurfaceInteraction3f) -> mi.UInt32:
+    """Place in Dr.Jit's registry of what was hit: the instance, where there is one."""
+    shape = dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape)
+    return dr.reinterpret_array(mi.UInt32, shape)
+
+
+def _within(position: mi.Float, corner: mi.Float) -> mi.Float:
+    """``position`` left of ``corner + 1``, to which single precision may round it up."""
+    end = corner + 1
+    below = end - dr.maximum(dr.abs(end), 1) * dr.epsilon(mi.Float)
+    return dr.minimum(position, below)
 
 
 def _to_rgb(radiance: mi.Spectrum, wavelengths: mi.Spectrum) -> mi.Color3f:

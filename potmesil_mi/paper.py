@@ -105,6 +105,7 @@ def equation_20(
     more samples here than there, the light that reaches it before its fall-off. A square that no
     light reaches is 0 and counts nothing.
     """
+    samples = samples.visible()
     squares = Squares.of(samples, per_pixel)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
     stack = _TableStack.of(samples.z, tables)

@@ -54,18 +54,27 @@ class Disc:
     ) -> np.ndarray:
         """See :meth:`PointSpreadFunction.table`."""
         diameter = abs(float(lens.circle_of_confusion(depth))) * squares_per_mm
-        radius = max(diameter / 2, SHARP)
-        reach = math.ceil(radius)
-        reach_x, reach_y = (reach, reach) if largest is None else (min(reach, n) for n in largest)
-        x, y = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
-        area = disc_corner_area(
-            (np.arange(-reach_x, reach_x + 2) - x[..., None])[..., None, :] / radius,
-            (np.arange(-reach_y, reach_y + 2) - y[..., None])[..., :, None] / radius,
-        )
-        return np.maximum(np.diff(np.diff(area, axis=-2), axis=-1), 0.0) / math.pi
+        return disc_table(diameter / 2, offset, largest)
 
     def __repr__(self) -> str:
         return "Disc()"
+
+
+def disc_table(
+    radius: float,
+    offset: ArrayLike = (0.5, 0.5),
+    largest: tuple[int, int] | None = None,
+) -> np.ndarray:
+    """The table, as of :class:`PointSpreadFunction`, of a disc of ``radius`` squares."""
+    radius = max(radius, SHARP)
+    x, y = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
+    reach = math.ceil(radius)
+    reach_x, reach_y = (reach, reach) if largest is None else (min(reach, n) for n in largest)
+    area = disc_corner_area(
+        (np.arange(-reach_x, reach_x + 2) - x[..., None])[..., None, :] / radius,
+        (np.arange(-reach_y, reach_y + 2) - y[..., None])[..., :, None] / radius,
+    )
+    return np.maximum(np.diff(np.diff(area, axis=-2), axis=-1), 0.0) / math.pi
 
 
 def disc_corner_area(x: np.ndarray, y: np.ndarray) -> np.ndarray:

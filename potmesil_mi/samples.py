@@ -10,6 +10,7 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,11 @@ _COLUMNS = {
     "z": np.float32,
     "surface": np.uint32,
     "weight": np.float32,
+    "layer": np.uint8,
 }
+
+# From here on float32 no longer tells neighbouring pixels apart.
+FARTHEST = 1 << 24
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -43,15 +48,20 @@ class PointSamples:
                                   > 0; ``inf`` for a ray that hit nothing
     ``surface``                   uint32 (N,), id of the visible surface; 0 for none
     ``weight``                    float32 (N,), share of a pixel's area the sample stands for
+    ``layer``                     uint8 (N,), how many surfaces the pinhole sees in front of it:
+                                  0 for what it sees (default), 1 and more for what is hidden
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it
     ``surfaces``                  name of every surface id
     ``lattice``                   where positions are multiples of 1/lattice pixels: that
                                   number; 0 where they may be anywhere
+    ``window``                    left, top, width and height in pixels of what was sampled:
+                                  the crop window (default), or more with overscan
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, or with depth or weight that is
     NaN or not positive are dropped, with a ``RuntimeWarning`` that counts them. Raises
-    ``ValueError`` for columns of unequal length or wrong shape, and where no sample is left.
+    ``ValueError`` for columns of unequal length or wrong shape, for a window of less than one
+    pixel, and where no sample is left, ``TypeError`` for a window of other than whole numbers.
     """
 
     x: np.ndarray
@@ -65,10 +75,19 @@ class PointSamples:
     lens: ThinLens
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
+    layer: np.ndarray = None  # type: ignore[assignment]
+    window: tuple[int, int, int, int] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         count = len(self.x)
+        if self.layer is None:
+            object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
+        if self.window is None:
+            window = (*self.camera.crop_offset, *self.camera.crop_size)
+        else:
+            window = _whole_window(self.window)
+        object.__setattr__(self, "window", window)
         for name, dtype in _COLUMNS.items():
             column = np.ascontiguousarray(getattr(self, name), dtype=dtype)
             expected = (count, 3) if name == "rgb" else (count,)
@@ -105,14 +124,20 @@ class PointSamples:
         """Samples with some fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
+    def visible(self) -> PointSamples:
+        """What the pinhole sees: the samples of layer 0."""
+        first = self.layer == 0
+        if first.all():
+            return self
+        return self.replace(**{name: getattr(self, name)[first] for name in _COLUMNS})
+
     def pixel(self) -> np.ndarray:
-        """Index of each sample's pixel in the crop window, row by row, int64 (N,).
+        """Index of each sample's pixel in ``window``, row by row, int64 (N,).
 
         A sample on an edge between pixels belongs to the one on its right or below it; on the
-        crop window's last edge, and beyond the window, to the nearest pixel.
+        window's last edge, and beyond the window, to the nearest pixel.
         """
-        width, height = self.camera.crop_size
-        left, top = self.camera.crop_offset
+        left, top, width, height = self.window
         column = np.clip(np.floor(self.x).astype(np.int64) - left, 0, width - 1)
         row = np.clip(np.floor(self.y).astype(np.int64) - top, 0, height - 1)
         return row * width + column
@@ -120,8 +145,8 @@ class PointSamples:
     def merge(self, lens: ThinLens | None = None, tolerance: float = 0.1) -> PointSamples:
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
 
-        The rule: samples of one quarter of a pixel (its 2x2 squares), of the same surface and
-        alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
+        The rule: samples of one quarter of a pixel (its 2x2 squares), of the same layer, surface
+        and alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
         pixels, become one. It has the sum of their weights and, weighted by these, the mean of
         their positions, colours and 1/z, so that the light of a pixel is unchanged. Samples on
         a lattice belong to several pixels and stay as they are.
@@ -135,7 +160,7 @@ class PointSamples:
         pixels_per_mm = self.camera.focal_length_pixels / (lens or self.lens).film_distance
         step = np.rint(circle * pixels_per_mm / tolerance)
         quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
-        keys = np.stack([self.pixel(), quarter, self.surface, self.alpha, step])
+        keys = np.stack([self.pixel(), quarter, self.layer, self.surface, self.alpha, step])
         order = np.lexsort(keys[::-1])
         ordered = keys[:, order]
         first = np.flatnonzero(
@@ -158,6 +183,7 @@ class PointSamples:
             alpha=self.alpha[order][first],
             z=z,
             surface=self.surface[order][first],
+            layer=self.layer[order][first],
             weight=total,
         )
 
@@ -173,3 +199,17 @@ class PointSamples:
         from . import deep_exr
 
         return deep_exr.load(path)
+
+
+def _whole_window(window: Any) -> tuple[int, int, int, int]:
+    """The window as Python's whole numbers."""
+    try:
+        values = tuple(window)
+    except TypeError:
+        raise TypeError(f"window={window!r}: must be left, top, width and height") from None
+    if len(values) != 4:
+        raise ValueError(f"window={window!r}: must be left, top, width and height")
+    for i, (value, least) in enumerate(zip(values, (-FARTHEST, -FARTHEST, 1, 1), strict=True)):
+        require_whole(f"window[{i}]", value, least, FARTHEST)
+    left, top, width, height = (int(value) for value in values)
+    return left, top, width, height

@@ -139,6 +139,36 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
     return mi.UInt32(table), {i: name for i, (name, _) in enumerate(named, 1)}
 
 
+def closed_shapes(scene: mi.Scene) -> mi.Bool:
+    """Which shapes enclose a volume, by their place in Dr.Jit's registry, as in ``surface_ids``.
+
+    Spheres and cylinders do, and meshes each of whose edges joins two faces, in either direction
+    one. Others, instances too, are taken for open.
+    """
+    import drjit as dr
+
+    shapes = list(scene.shapes())
+    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
+    table = np.zeros(max(places) + 1, dtype=bool)
+    table[places] = [_is_closed(shape) for shape in shapes]
+    return mi.Bool(table)
+
+
+def _is_closed(shape: mi.Shape) -> bool:
+    parameters = mi.traverse(shape)
+    if "vertex_positions" not in parameters:
+        return shape.class_name() in ("Sphere", "Cylinder")
+    positions = np.array(parameters["vertex_positions"]).reshape(-1, 3)
+    faces = np.array(parameters["faces"]).reshape(-1, 3)
+    # Vertices are doubled where normals or texture coordinates differ.
+    vertex = np.unique(positions, axis=0, return_inverse=True)[1].ravel()[faces].astype(np.int64)
+    edges = np.stack([vertex, np.roll(vertex, -1, axis=1)], axis=-1).reshape(-1, 2)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    count = len(positions)
+    forth, back = edges @ [count, 1], edges @ [1, count]
+    return len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
+
+
 def _place(shape: mi.Shape) -> tuple[Any, ...]:
     box = shape.bbox()
     corners = [float(v) for corner in (box.min, box.max) for v in np.array(corner).ravel()]

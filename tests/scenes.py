@@ -1,5 +1,6 @@
 """Small scenes for the tests."""
 
+import dataclasses
 from pathlib import Path
 
 import mitsuba as mi
@@ -98,13 +99,42 @@ def synthetic(count=2000, *, size=(20, 14), seed=0, **fields):
     return pm.PointSamples(**{**columns, **fields})
 
 
-def pinhole_mean(samples):
-    """The weighted mean of each pixel's samples, (H, W, 3); NaN where there are none."""
-    width, height = samples.camera.crop_size
+def overscanned(count=8000, *, film=(40, 30), crop=(2, 3, 20, 14), margin=5, seed=1):
+    """Samples in three layers, of a crop window and ``margin`` pixels around it."""
+    rng = np.random.default_rng(seed)
+    left, top, width, height = crop
+    window = (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
+    camera = dataclasses.replace(
+        synthetic(1).camera, film_size=film, crop_offset=(left, top), crop_size=(width, height)
+    )
+    return synthetic(
+        count,
+        seed=seed,
+        camera=camera,
+        window=window,
+        x=rng.uniform(window[0], left + width + margin, count),
+        y=rng.uniform(window[1], top + height + margin, count),
+        alpha=rng.integers(0, 3, count) / 2,
+        layer=rng.integers(0, 3, count),
+    )
+
+
+def pinhole_mean(samples, whole=False):
+    """The weighted mean of what the pinhole sees in each pixel, (H, W, 3); NaN for none.
+
+    In the crop window, or in the ``whole`` window that was sampled.
+    """
+    left, top, width, height = samples.window
+    samples = samples.visible()
     pixel = samples.pixel()
     total = np.bincount(pixel, samples.weight, width * height)
     with np.errstate(invalid="ignore"):
         rgb = [
             np.bincount(pixel, samples.weight * c, width * height) / total for c in samples.rgb.T
         ]
-    return np.stack(rgb, axis=-1).reshape(height, width, 3)
+    mean = np.stack(rgb, axis=-1).reshape(height, width, 3)
+    if whole:
+        return mean
+    column, row = samples.camera.crop_offset
+    width, height = samples.camera.crop_size
+    return mean[row - top : row - top + height, column - left : column - left + width]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import drjit as dr
@@ -9,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..focus import film_options, focus
-from ..hidden_surface import WAVEFRONT
+from ..hidden_surface import WAVEFRONT, Sampling
 from ..samples import PointSamples
 from .wrapper import WrapperIntegrator
 
@@ -56,6 +57,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
     def aov_names(self) -> list[str]:
         """Names of the channels beside the colours."""
         return list(AOVS)
+
+    def film_sampling(self) -> Sampling:
+        """What the pinhole sees of the film, and no more."""
+        return dataclasses.replace(self.sampling, layers=1, overscan=0)
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The pinhole picture, and the channels of a sample of each pixel."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NoReturn
 
 import mitsuba as mi
@@ -35,12 +36,16 @@ class WrapperIntegrator(mi.CppADIntegrator):
                 f"{self.plugin}: the nested integrator must be a sampling integrator, such as "
                 f"path, not {self.nested.class_name()}"
             )
-        names = ("pattern", "threshold", "subdivisions")
+        names = [field.name for field in dataclasses.fields(Sampling)]
         self.sampling = Sampling(**{name: props[name] for name in names if name in props})
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """What the film is to show: RGB (A), and the channels that ``aov_names`` names."""
         raise NotImplementedError
+
+    def film_sampling(self) -> Sampling:
+        """What is sampled where the film alone is asked for."""
+        return self.sampling
 
     def check_sensor(self, sensor: mi.Sensor) -> None:
         """Raise ``TypeError`` for a sensor that cannot be used; any can by default."""
@@ -63,7 +68,7 @@ class WrapperIntegrator(mi.CppADIntegrator):
             self.nested,
             spp=spp,
             seed=int(np.array(seed).ravel()[0]),
-            sampling=self.sampling,
+            sampling=self.film_sampling(),
         )
         film = sensor.film()
         picture, extra = self.form(samples, film)

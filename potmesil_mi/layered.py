@@ -1,0 +1,572 @@
+"""The picture through the lens with what hides what: the methods ``layered`` and ``lightfield``.
+
+Light of an element at signed circle radius c lands at x + c u for all lens points u that see it.
+Elements that the whole lens sees are spread by tables of the point-spread function at circles
+close to theirs; for the others each lens point that sees them puts its share where it belongs,
+spread over its cell of the lens.
+
+Elements are formed into a picture in groups of similar circles, from the nearest to the farthest,
+and a group gets no more of a square than those before it have left. Within a group tables and
+squares get coarser as the circles grow, so that the cost does not grow with their area.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+import weakref
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import scipy.fft
+
+from .disocclusion import parallax_scale
+from .elements import SHARE, Elements, scatter_mode
+from .lens import ThinLens
+from .progress import track
+from .psf import PointSpreadFunction, disc_table
+from .samples import PointSamples
+from .visibility import Turns, lens_points, visibility, visibility_of_few
+
+SIMILAR = 0.025
+"""Apertures that differ by no more see the same, as far as ``layered`` can tell."""
+
+BRIGHT = 8
+"""Elements so many times as bright as most show the shape of the lens where they are blurred."""
+
+MOST_BRIGHT = 1 << 14
+"""Most elements that are seen from ``MORE`` times as many lens points because they are bright."""
+
+MORE = 16
+
+FINEST = 8
+"""Circles of at least this radius, in squares, are spread on coarser squares so that it is more."""
+
+GROUPS = 4.0 ** np.arange(12)
+"""Radii between which circles are one group; up to the first they are of both signs. In a group
+the squares of the radii that have a table are a factor of 2 apart."""
+
+LEAST_CELL = 0.4
+"""Cells of the lens whose light is spread over a circle of less, in squares, are points."""
+
+MIDDLE = (0.5, 0.5)
+
+FAINTEST = 1e-5
+"""Share of a square below which nothing is told from the rounding of the transforms."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Partial:
+    """Elements of which parts of the lens see nothing, or not all.
+
+    ``seen``, uint8 (N, M), is what each of the lens's ``points``, (M, 2), sees of each, from
+    none to 255. The values of the elements are not multiplied by it. With ``turned`` the points
+    are arranged for each element, see :class:`potmesil_mi.visibility.Turns`.
+    """
+
+    elements: Elements
+    seen: np.ndarray
+    points: np.ndarray
+    turned: bool = False
+
+    def coarser(self, factor: int) -> Partial:
+        """The same on squares, and in bins of depth, ``factor`` times as large."""
+        elements, index = self.elements.coarser(factor)
+        weight = self.elements.values[:, SHARE].astype(np.float64)
+        total = np.bincount(index, weight, len(elements))
+        seen = [np.bincount(index, weight * column, len(elements)) for column in self.seen.T]
+        mean = np.rint(np.stack(seen, axis=1) / total[:, None])
+        return Partial(elements, mean.astype(np.uint8), self.points)
+
+    @functools.cached_property
+    def on_device(self) -> dict[str, Any]:
+        """The columns as Dr.Jit arrays.
+
+        The values are such that times what a point sees they are its share.
+        """
+        share = np.float32(1 / (255 * len(self.points)))
+        columns = _columns(self.elements, self.elements.values * share)
+        columns["seen"] = mi.UInt8(self.seen.ravel())
+        columns["u"], columns["v"] = (mi.Float(column) for column in self.points.T.copy())
+        columns["turns"] = Turns(self.elements) if self.turned else None
+        return columns
+
+
+@dataclasses.dataclass(frozen=True)
+class Layers:
+    """What is known of samples before the lens is focused.
+
+    ``whole`` are elements that the whole lens sees, ``partial`` those of which parts of it do
+    not see all. ``bright`` are some of these, whose light shows how the lens is cut up; they are
+    seen from more points, and always on squares as large as those of the picture.
+    """
+
+    whole: Elements
+    partial: Partial
+    bright: Partial
+    factor: int = 1
+
+    @classmethod
+    def of(cls, elements: Elements, scale: float, count: int) -> Layers:
+        """Elements and what ``count`` points of a lens see of them.
+
+        ``scale`` is the radius of the circle in squares per unit of vergence.
+        """
+        points = lens_points(count)
+        coverable, seen = visibility(elements, scale, points)
+        all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
+        whole = ~coverable
+        whole[coverable] = all_seen
+        covered = elements.chosen(coverable)
+        bright = _is_bright(elements)[coverable] & ~all_seen
+        few, more = covered.chosen(bright), lens_points(MORE * count)
+        seen_of_few = visibility_of_few(elements, few, scale, more)
+        rest = some_seen & ~all_seen & ~bright
+        return cls(
+            elements.chosen(whole),
+            Partial(covered.chosen(rest), seen[rest], points),
+            Partial(few, seen_of_few, more, turned=True),
+        )
+
+    def coarser(self, factor: int) -> Layers:
+        """The same on squares, and in bins of depth, ``factor`` times as large."""
+        whole, _ = self.whole.coarser(factor)
+        return Layers(whole, self.partial.coarser(factor), self.bright, factor)
+
+    @property
+    def elements(self) -> list[Elements]:
+        """All that there are."""
+        return [self.whole, self.partial.elements, self.bright.elements]
+
+    @functools.cached_property
+    def on_device(self) -> dict[str, Any]:
+        """Columns of what the whole lens sees, as Dr.Jit arrays."""
+        return _columns(self.whole, self.whole.values)
+
+
+def _is_bright(elements: Elements) -> np.ndarray:
+    """The elements, bool (N,), much brighter than most, but no more than ``MOST_BRIGHT``."""
+    peak = elements.values[:, :SHARE].max(axis=1)
+    least = BRIGHT * np.median(peak)
+    if len(peak) > MOST_BRIGHT:
+        least = max(least, float(np.partition(peak, -MOST_BRIGHT)[-MOST_BRIGHT]))
+    return peak > least
+
+
+def _columns(elements: Elements, values: np.ndarray) -> dict[str, Any]:
+    columns = {
+        "x": mi.Int32(elements.x),
+        "y": mi.Int32(elements.y),
+        "vergence": mi.Float(elements.vergence),
+        "values": mi.Float(np.ascontiguousarray(values[:, :4]).ravel()),
+    }
+    if values.shape[1] > 4:
+        columns["alpha"] = mi.Float(np.ascontiguousarray(values[:, 4]))
+    return columns
+
+
+class _Kept:
+    """What has been found out about samples, by the questions that were asked."""
+
+    def __init__(self) -> None:
+        self.elements: dict[Any, Elements] = {}
+        self.layers: dict[Any, Layers] = {}
+
+
+_kept: weakref.WeakKeyDictionary[PointSamples, _Kept] = weakref.WeakKeyDictionary()
+
+
+def see_through(
+    samples: PointSamples,
+    lens: ThinLens,
+    psf: PointSpreadFunction,
+    *,
+    alpha: bool,
+    lens_points: int,
+    per_pixel: int,
+    exact: bool,
+) -> np.ndarray:
+    """The picture that ``lens`` forms of ``samples``, (height * per_pixel, width * per_pixel, C).
+
+    Visibility is that of ``lens_points`` points of a lens of the same aperture, or, unless
+    ``exact``, of one that differs by at most ``SIMILAR``, for with the film at F the aperture
+    changes a little as the lens is focused.
+    """
+    scale = parallax_scale(lens, samples.camera) * per_pixel
+    similar = scale
+    if scale == 0:
+        samples, similar = samples.visible(), 1.0
+    elif not exact:
+        steps = round(math.log(scale) / math.log1p(2 * SIMILAR))
+        similar = math.exp(steps * math.log1p(2 * SIMILAR))
+
+    def layers_at(factor: int) -> Layers:
+        kept = _kept.setdefault(samples, _Kept())
+        about = (mi.variant(), per_pixel, alpha, similar, lens_points)
+        if (about, factor) not in kept.layers:
+            if factor > 1:
+                layers = layers_at(1).coarser(factor)
+            else:
+                if about[:-1] not in kept.elements:
+                    elements = Elements.of(samples, per_pixel, similar, alpha)
+                    kept.elements = {about[:-1]: elements}
+                layers = Layers.of(kept.elements[about[:-1]], similar, lens_points)
+            kept.layers[about, factor] = layers
+        return kept.layers[about, factor]
+
+    left, top = (
+        (offset - start) * per_pixel
+        for offset, start in zip(samples.camera.crop_offset, samples.window[:2], strict=True)
+    )
+    width, height = (size * per_pixel for size in samples.camera.crop_size)
+    squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
+    return through_lens(layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm)
+
+
+def through_lens(
+    layers_at: Callable[[int], Layers],
+    lens: ThinLens,
+    psf: PointSpreadFunction,
+    crop: tuple[int, int, int, int],
+    scale: float,
+    squares_per_mm: float,
+) -> np.ndarray:
+    """The picture that ``lens`` forms of layers, float32 (height, width, 3 or 4).
+
+    ``layers_at`` gives the layers on squares so many times as large. ``crop`` is the left, top,
+    width and height of the picture in squares of the window, ``scale`` the radius of the circle
+    in squares per unit of vergence. Squares that no light reaches are 0.
+    """
+    layers = layers_at(1)
+    channels = layers.whole.values.shape[1]
+    # In the column of shares what is covered adds up.
+    total = np.zeros((crop[3], crop[2], channels), dtype=np.float32)
+    for least, most, factor in track(list(_groups(layers, lens, scale)), "Focusing"):
+        group = _Group(layers_at(factor), lens, psf, squares_per_mm, scale, least, most, factor)
+        if group.is_empty():
+            continue
+        image, rows, columns = _cropped(*group.spread(channels), factor, crop)
+        if image.size == 0:
+            continue
+        nearer = total[rows, columns]
+        light, free = image[..., SHARE], 1 - nearer[..., SHARE]
+        admitted = np.zeros_like(free)
+        np.divide(free, light, out=admitted, where=light > FAINTEST)
+        np.clip(admitted, 0, 1, out=admitted)
+        nearer += np.maximum(image, 0) * admitted[..., None]
+    covered = total[..., SHARE]
+    picture = np.concatenate([total[..., :SHARE], total[..., SHARE + 1 :]], axis=-1)
+    return picture / np.where(covered > FAINTEST, covered, np.inf)[..., None]
+
+
+def _groups(layers: Layers, lens: ThinLens, scale: float) -> Iterator[tuple[float, float, int]]:
+    """Signed radii between which circles are a group, and the factor of its squares."""
+    ends = np.concatenate(
+        [
+            scale * (elements.vergence[[0, -1]] - 1 / lens.focus_distance)
+            for elements in layers.elements
+            if len(elements)
+        ]
+    )
+    edges = [*-GROUPS[::-1], *GROUPS]
+    for least, most in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        if most >= ends.min() - 1 and least <= ends.max() + 1:
+            smallest = 1.0 if least < 0 < most else min(abs(least), abs(most))
+            yield least, most, 2 ** max(0, math.floor(math.log2(smallest / FINEST)))
+
+
+class _Group:
+    """Elements of similar circles, to be spread over the picture."""
+
+    def __init__(
+        self,
+        layers: Layers,
+        lens: ThinLens,
+        psf: PointSpreadFunction,
+        squares_per_mm: float,
+        scale: float,
+        least: float,
+        most: float,
+        factor: int,
+    ) -> None:
+        self.layers, self.lens, self.psf = layers, lens, psf
+        self.squares_per_mm, self.scale = squares_per_mm / factor, scale / factor
+        self.focused = 1 / float(lens.focus_distance)
+        ends = [
+            end / scale + self.focused if scale > 0 else end * math.inf for end in (least, most)
+        ]
+        self.parts = [elements.between(*ends) for elements in layers.elements]
+        # How many squares of the elements' own make one of the group's.
+        self.sizes = (1, 1, layers.factor)
+        self.sign = math.copysign(1, most + least)
+        inner, outer = (0.0, most) if least < 0 < most else sorted([abs(least), abs(most)])
+        self.inner, self.outer = inner / factor, outer / factor
+        self.knots, self.octaves = [0.0, self.outer], [0.0]
+        if inner > 0:
+            count = round(math.log2(outer / inner))
+            self.octaves = [self.inner * 2**i for i in range(count)]
+            self.knots = [self.inner * 2 ** (i / 2) for i in range(2 * count + 1)]
+
+    def is_empty(self) -> bool:
+        """Whether there is nothing in it."""
+        return all(part.start == part.stop for part in self.parts)
+
+    def spread(self, channels: int) -> tuple[np.ndarray, int, int]:
+        """Light over the squares around its elements, float32 (H, W, C), and its left and top."""
+        boxes = [
+            np.array([e.x[part].min(), e.y[part].min(), e.x[part].max(), e.y[part].max()]) // size
+            for e, part, size in zip(self.layers.elements, self.parts, self.sizes, strict=True)
+            if part.start < part.stop
+        ]
+        left, top = (min(box[i] for box in boxes) for i in (0, 1))
+        right, bottom = (max(box[i] for box in boxes) + 1 for i in (2, 3))
+        reach = math.ceil(self.outer * (1 + 1 / math.sqrt(len(self.layers.partial.points)))) + 2
+        self.left, self.top = int(left) - reach, int(top) - reach
+        self.width, self.height = (
+            scipy.fft.next_fast_len(int(size) + 2 * reach, real=True)
+            for size in (right - left, bottom - top)
+        )
+        images = [*self._at_knots(channels)]
+        partials = (self.layers.partial, self.layers.bright)
+        for partial, part, size in zip(partials, self.parts[1:], self.sizes[1:], strict=True):
+            if part.start < part.stop:
+                images.extend(self._by_points(partial, part, size, channels))
+        near = [_spread_a_little(image, kernel) for image, kernel in images if kernel.size <= 9]
+        far = [(image, kernel) for image, kernel in images if kernel.size > 9]
+        if far:
+            near.append(self._spread_far(far))
+        return sum(near[1:], start=near[0]), self.left, self.top
+
+    def _spread_far(self, images: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """The sum of images spread by their kernels, by one inverse transform."""
+        total = np.zeros(0, dtype=np.complex64)
+        with scipy.fft.set_workers(os.cpu_count() or 1):
+            for image, kernel in images:
+                centred = np.zeros((self.height, self.width), dtype=np.float32)
+                rows, columns = kernel.shape
+                centred[:rows, :columns] = kernel
+                centred = np.roll(centred, (-(rows // 2), -(columns // 2)), axis=(0, 1))
+                spectrum = scipy.fft.rfft2(image, axes=(0, 1), overwrite_x=True)
+                spectrum *= scipy.fft.rfft2(centred)[..., None]
+                total = total + spectrum if total.size else spectrum
+            frame = (self.height, self.width)
+            return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
+
+    def _at_knots(self, channels: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Images of the elements at each knot, and the knot's table."""
+        columns, part = self.layers.on_device, self.parts[0]
+        if part.start == part.stop:
+            return
+        buffer = _Buffer(len(self.knots), self.height, self.width, channels)
+        element = dr.arange(mi.UInt32, part.stop - part.start)
+        element += dr.opaque(mi.UInt32, part.start)
+        square = dr.square(self._radius(columns, element))
+        # Between tables the area of the circle is interpolated, and so the blur's variance.
+        first = dr.opaque(mi.Float, self.inner**2)
+        before, beyond, knot = first, dr.opaque(mi.Float, self.outer**2), mi.UInt32(0)
+        if self.inner > 0:
+            steps = dr.floor(dr.log2(dr.maximum(square / first, 1)))
+            steps = dr.minimum(steps, len(self.knots) - 2)
+            before = first * dr.exp2(steps)
+            beyond, knot = 2 * before, mi.UInt32(steps)
+        share = dr.clip((square - before) / (beyond - before), 0, 1)
+        size = dr.opaque(mi.UInt32, self.height * self.width)
+        place = self._place(columns["x"], columns["y"], element) + knot * size
+        buffer.add(columns, element, place, 1 - share)
+        buffer.add(columns, element, place + size, share, share > 0)
+        for radius, image in zip(self.knots, buffer.images(), strict=True):
+            if image.any():
+                yield image, self._table(radius)
+
+    def _by_points(
+        self, partial: Partial, part: slice, size: int, channels: int
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Images of what single lens points see, by octave, and the table of their cells.
+
+        ``size`` is that of a square in squares of the elements.
+        """
+        columns, count = partial.on_device, len(partial.points)
+        buffer = _Buffer(len(self.octaves), self.height, self.width, channels)
+        lane = dr.arange(mi.UInt32, (part.stop - part.start) * count)
+        element = lane // dr.opaque(mi.UInt32, count)
+        point = lane - element * dr.opaque(mi.UInt32, count)
+        element += dr.opaque(mi.UInt32, part.start)
+        lane += dr.opaque(mi.UInt32, part.start * count)
+        seen = mi.Float(dr.gather(mi.UInt8, columns["seen"], lane))
+        radius = self._radius(columns, element)
+        u, v = (dr.gather(mi.Float, columns[name], point) for name in "uv")
+        if partial.turned:
+            u, v = columns["turns"].points(u, v, point, element)
+        # Of the middle of the element's square, in squares; there it is the middle again.
+        own = dr.rcp(dr.opaque(mi.Float, size))
+        x, y = (
+            dr.fma(mi.Float(dr.gather(mi.Int32, columns[name], element)) + 0.5, own, -0.5)
+            - dr.opaque(mi.Float, first)
+            + radius * lens
+            for name, first, lens in (("x", self.left, u), ("y", self.top, v))
+        )
+        x0, y0 = dr.floor(x), dr.floor(y)
+        fx, fy = x - x0, y - y0
+        width = dr.opaque(mi.UInt32, self.width)
+        place = mi.UInt32(y0) * width + mi.UInt32(x0)
+        for edge in self.octaves[1:]:
+            beyond = dr.abs(radius) >= dr.opaque(mi.Float, edge)
+            place += dr.select(beyond, dr.opaque(mi.UInt32, self.height * self.width), 0)
+        seen *= own * own
+        for dx, share_x in ((0, 1 - fx), (1, fx)):
+            for dy, share_y in ((0, 1 - fy), (1, fy)):
+                beside = place + dy * width + dx
+                buffer.add(columns, element, beside, share_x * share_y * seen, seen > 0)
+        for edge, image in zip(self.octaves, buffer.images(), strict=True):
+            if image.any():
+                # Turned points leave few gaps; others must be wide enough, and not blur edges.
+                cell = edge * (math.sqrt(2) if partial.turned else 1) / math.sqrt(count)
+                yield (
+                    image,
+                    np.ones((1, 1))
+                    if cell < LEAST_CELL
+                    else without_square(functools.partial(_scaled_disc, cell)),
+                )
+
+    def _radius(self, columns: dict[str, Any], element: mi.UInt32) -> mi.Float:
+        """Signed radius of the circles of confusion in squares."""
+        vergence = dr.gather(mi.Float, columns["vergence"], element)
+        return dr.fma(
+            vergence,
+            dr.opaque(mi.Float, self.scale),
+            dr.opaque(mi.Float, -self.scale * self.focused),
+        )
+
+    def _place(self, x: mi.Int32, y: mi.Int32, element: mi.UInt32) -> mi.UInt32:
+        column = dr.gather(mi.Int32, x, element) - dr.opaque(mi.Int32, self.left)
+        row = dr.gather(mi.Int32, y, element) - dr.opaque(mi.Int32, self.top)
+        return mi.UInt32(row * dr.opaque(mi.Int32, self.width) + column)
+
+    def _table(self, radius: float) -> np.ndarray:
+        if radius == 0 or self.scale == 0:
+            return np.ones((1, 1))
+        vergence = self.focused + self.sign * radius / self.scale
+        if vergence < 0:  # No point is there: take one as far in front of what is focused.
+            vergence = self.focused + radius / self.scale
+        depth = 1 / vergence if vergence > 0 else math.inf
+        size = (self.width // 2, self.height // 2)
+        return without_square(
+            lambda finer: self.psf.table(
+                self.lens, depth, self.squares_per_mm * finer, MIDDLE, size
+            )
+        )
+
+
+class _Buffer:
+    """Pictures into which the light of elements is scattered."""
+
+    def __init__(self, count: int, height: int, width: int, channels: int) -> None:
+        self.shape = (count, height, width)
+        self.colours = dr.zeros(mi.Float, count * height * width * 4)
+        self.alpha = dr.zeros(mi.Float, count * height * width) if channels > 4 else None
+
+    def add(
+        self,
+        columns: dict[str, Any],
+        element: mi.UInt32,
+        place: mi.UInt32,
+        share: mi.Float,
+        active: mi.Bool = True,
+    ) -> None:
+        """Add the shares of elements to their places."""
+        mode = scatter_mode()
+        values = dr.gather(mi.Vector4f, columns["values"], element, active)
+        dr.scatter_add(self.colours, values * share, place, active, mode=mode)
+        if self.alpha is not None:
+            values = dr.gather(mi.Float, columns["alpha"], element, active)
+            dr.scatter_add(self.alpha, values * share, place, active, mode=mode)
+
+    def images(self) -> np.ndarray:
+        """The pictures, float32 (count, H, W, C)."""
+        images = np.array(self.colours).reshape(*self.shape, 4)
+        if self.alpha is None:
+            return images
+        alpha = np.array(self.alpha).reshape(*self.shape, 1)
+        return np.concatenate([images, alpha], axis=-1)
+
+
+def _scaled_disc(radius: float, finer: float) -> np.ndarray:
+    return disc_table(radius * finer)
+
+
+def without_square(table: Callable[[float], np.ndarray]) -> np.ndarray:
+    """A table that spreads squares as the point-spread function spreads points.
+
+    ``table(s)`` gives the integrals over squares, for a distribution s times as large. They
+    smear it by a square (variance 1/12 along each axis), as gathering samples by square has
+    done already. So the distribution is made smaller by as much.
+    """
+    kernel = table(1.0)
+    variance = _variance(kernel) - 1 / 12 if kernel.size > 9 else _variance(table(16.0)) / 256
+    if variance < 1 / 3:
+        side = variance / 2
+        row = np.array([side, 1 - variance, side])
+        return np.outer(row, row)
+    return table(math.sqrt(1 - 1 / (12 * (variance + 1 / 12))))
+
+
+def _variance(table: np.ndarray) -> float:
+    """Mean variance along rows and columns."""
+    rows, columns = (np.arange(n) - n // 2 for n in table.shape)
+    return float((table.sum(axis=1) @ rows**2 + table.sum(axis=0) @ columns**2) / 2)
+
+
+def _spread_a_little(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """``image`` spread by a kernel of one square or, separable, of 3 x 3."""
+    for axis, weights in enumerate((kernel.sum(axis=1), kernel.sum(axis=0))):
+        if len(weights) == 1:
+            continue
+        image = np.moveaxis(image, axis, 0)
+        spread = weights[1].astype(image.dtype) * image
+        spread[1:] += weights[0].astype(image.dtype) * image[:-1]
+        spread[:-1] += weights[2].astype(image.dtype) * image[1:]
+        image = np.moveaxis(spread, 0, axis)
+    return image
+
+
+def _cropped(
+    image: np.ndarray, left: int, top: int, factor: int, crop: tuple[int, int, int, int]
+) -> tuple[np.ndarray, slice, slice]:
+    """The part of ``image`` that lies in the crop, and its rows and columns there.
+
+    The squares of ``image``, whose first is (``left``, ``top``), are ``factor`` times as large as
+    those of the crop. Between their middles it is interpolated linearly.
+    """
+    parts: list[tuple[slice, int, int]] = []
+    places: list[slice] = []
+    for first, count, start, size in (
+        (top, image.shape[0], crop[1], crop[3]),
+        (left, image.shape[1], crop[0], crop[2]),
+    ):
+        begin = max(first * factor, start)
+        end = max(min((first + count) * factor, start + size), begin)
+        places.append(slice(begin - start, end - start))
+        # One square more on each side to interpolate with.
+        needed = slice(max(begin // factor - first - 1, 0), -(-end // factor) - first + 1)
+        parts.append((needed, begin - (needed.start + first) * factor, end - begin))
+    (rows, row, height), (columns, column, width) = parts
+    image = image[rows, columns]
+    while factor > 1 and image.size:
+        image = _doubled(_doubled(image, 0), 1)
+        factor //= 2
+    return image[row : row + height, column : column + width], places[0], places[1]
+
+
+def _doubled(image: np.ndarray, axis: int) -> np.ndarray:
+    """Twice as many squares along an axis, interpolated linearly between their middles."""
+    image = np.moveaxis(image, axis, 0)
+    padded = np.concatenate([image[:1], image, image[-1:]])
+    result = np.empty((2 * len(image), *image.shape[1:]), dtype=image.dtype)
+    result[0::2] = 0.75 * image + 0.25 * padded[:-2]
+    result[1::2] = 0.75 * image + 0.25 * padded[2:]
+    return np.moveaxis(result, 0, axis)

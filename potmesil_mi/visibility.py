@@ -1,0 +1,238 @@
+"""Visibility: which parts of the lens see which elements.
+
+The lens is looked through at a number of points. From each of them the elements appear shifted
+by their parallax, and cover each other from the nearest to the farthest; what they leave free
+is what the point sees of those behind. None of it depends on where the lens is focused.
+"""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import scipy.ndimage
+
+from .elements import BIN, MOST_BINS, SHARE, Elements
+
+TOLERANCE = 2
+"""Bins within which elements do not cover each other: those of one slanted surface."""
+
+MOST_STEPS = 128
+"""Most steps in which elements cover others, each of as many bins as it takes."""
+
+MEMORY = 1 << 26
+"""Most squares, of all the pictures of what is covered, that are kept at once."""
+
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+
+
+def lens_points(count: int) -> np.ndarray:
+    """Points spread evenly over the unit disc, (count, 2): H. Vogel's sunflower (1979)."""
+    k = np.arange(count)
+    radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+def visibility(
+    elements: Elements, scale: float, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What of the elements the points of a lens see.
+
+    ``scale`` is the parallax in squares per unit of vergence of a lens point at radius 1,
+    ``points``, (M, 2), are in units of that radius.
+
+    Returns the elements, bool (N,), of which some point may not see all; and of these, in their
+    order, what each point sees, uint8 (n, M), from none to 255. What is less than
+    ``TOLERANCE`` bins behind the first surface of its square is seen from nowhere.
+    """
+    coverable = _has_beside(elements, np.ones(len(elements), dtype=bool), scale)
+    coverable |= elements.front > 0
+    covering = _has_beside(elements, coverable, -scale)
+    ends = elements.vergence.min(), elements.vergence.max()
+    middle = (ends[0] + ends[1]) / 2
+    margin = math.ceil(scale * (ends[1] - ends[0]) / 2) + 2
+    width, height = elements.width + 2 * margin, elements.height + 2 * margin
+    at_once = max(1, MEMORY // (width * height))
+    behind, before = (
+        _Shifted(elements.chosen(mask), margin, middle, scale) for mask in (coverable, covering)
+    )
+    result = np.empty((behind.count, len(points)), dtype=np.uint8)
+    for first in range(0, len(points), at_once):
+        part = points[first : first + at_once].astype(np.float32)
+        result[:, first : first + at_once] = _seen_from(part, behind, before, width, height)
+    front = elements.front[coverable]
+    result[(front > 0) & (front < TOLERANCE * elements.step)] = 0
+    return coverable, result
+
+
+class Turns:
+    """An arrangement of the :func:`lens_points` of its own for each element.
+
+    Each turns them by an angle, and moves them outwards or inwards within their cells, unlike its
+    neighbours: so they leave no pattern where the light of many elements adds up.
+    """
+
+    def __init__(self, elements: Elements) -> None:
+        mixed = elements.x.astype(np.uint32) * np.uint32(0x9E3779B1)
+        mixed ^= elements.y.astype(np.uint32) * np.uint32(0x85EBCA77)
+        mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
+        mixed ^= mixed >> np.uint32(13)
+        angle = (mixed & np.uint32(0xFFFF)) * (2 * math.pi / 65536)
+        self.cosine, self.sine = (mi.Float(f(angle).astype(np.float32)) for f in (np.cos, np.sin))
+        self.outwards = mi.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
+
+    def points(
+        self, u: mi.Float, v: mi.Float, point: mi.UInt32, element: mi.UInt32
+    ) -> tuple[mi.Float, mi.Float]:
+        """Where points (u, v), of these numbers, are for these elements."""
+        cosine, sine, outwards = (
+            dr.gather(mi.Float, column, element)
+            for column in (self.cosine, self.sine, self.outwards)
+        )
+        size = dr.sqrt((mi.Float(point) + outwards) / (mi.Float(point) + 0.5))
+        return size * (cosine * u - sine * v), size * (sine * u + cosine * v)
+
+
+def visibility_of_few(
+    elements: Elements, few: Elements, scale: float, points: np.ndarray
+) -> np.ndarray:
+    """What each point sees of each of a ``few`` elements, uint8 (n, M), from none to 255.
+
+    For many points, arranged by :class:`Turns`, and few elements: it follows each way from an
+    element to a lens point past the nearest of the ``elements`` in each square.
+    """
+    if len(few) == 0:
+        return np.empty((0, len(points)), dtype=np.uint8)
+    width, height = elements.width, elements.height
+    square = elements.y.astype(np.int64) * width + elements.x
+    parallax = elements.vergence * np.float32(scale)
+    nearest = np.full(width * height, -np.inf, dtype=np.float32)
+    np.maximum.at(nearest, square, parallax)
+    same = parallax > nearest[square] - 1
+    share = np.bincount(square[same], elements.values[same, SHARE], width * height)
+    parallaxes, shares = mi.Float(nearest), mi.Float(share)
+    end = dr.opaque(mi.Float, float(nearest.max()))
+    count = dr.opaque(mi.UInt32, len(points))
+    lane = dr.arange(mi.UInt32, len(few) * len(points))
+    element = lane // count
+    point = lane - element * count
+    u, v = (
+        dr.gather(mi.Float, mi.Float(np.ascontiguousarray(column, np.float32)), point)
+        for column in points.T
+    )
+    u, v = Turns(few).points(u, v, point, element)
+    x, y = (
+        dr.gather(mi.Float, mi.Float(column + np.float32(0.5)), element)
+        for column in (few.x, few.y)
+    )
+    own = dr.gather(mi.Float, mi.Float(few.vergence * np.float32(scale)), element)
+    wide, high = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
+
+    def step(way: mi.Float, free: mi.Float) -> tuple[mi.Float, mi.Float]:
+        column = mi.Int32(dr.floor(dr.fma(-way, u, x)))
+        row = mi.Int32(dr.floor(dr.fma(-way, v, y)))
+        inside = (column >= 0) & (row >= 0) & (column < wide) & (row < high)
+        place = mi.UInt32(row * wide + column)
+        parallax = dr.gather(mi.Float, parallaxes, place, inside) - own
+        meets = inside & (dr.abs(parallax - way) <= 0.75)
+        share = dr.gather(mi.Float, shares, place, meets)
+        return way + 1, dr.minimum(free, 1 - dr.minimum(share, 1))
+
+    start = TOLERANCE * BIN + 0.5
+    way, free = dr.full(mi.Float, start, dr.width(lane)), dr.full(mi.Float, 1, dr.width(lane))
+    _, free = dr.while_loop((way, free), lambda way, free: (way < end - own + 1) & (free > 0), step)
+    return np.array(_as_byte(free)).reshape(len(few), len(points))
+
+
+def _has_beside(elements: Elements, others: np.ndarray, scale: float) -> np.ndarray:
+    """Elements, bool (N,), over which parallax may move one of ``others``, bool (N,), in front.
+
+    With a negative ``scale`` those under which one may be moved.
+    """
+    height, width = elements.height, elements.width
+    square = elements.y.astype(np.int64) * width + elements.x
+    parallax = elements.vergence * np.float32(scale)
+    nearest = np.full(height * width, -np.inf, dtype=np.float32)
+    np.maximum.at(nearest, square[others], parallax[others])
+    result = np.zeros(len(elements), dtype=bool)
+    distance, before = 1, 0
+    largest = float(nearest.max()) - float(parallax.min())
+    while before <= min(largest + 1, max(height, width)):
+        beside = scipy.ndimage.maximum_filter(nearest.reshape(height, width), 2 * distance + 1)
+        result |= beside.ravel()[square] - parallax >= max(before - 1, TOLERANCE * BIN)
+        distance, before = math.ceil(1.5 * (distance + 1)), distance
+    return result
+
+
+class _Shifted:
+    """Elements as lens points see them, on a grid with a margin around the window."""
+
+    def __init__(self, elements: Elements, margin: int, middle: float, scale: float) -> None:
+        self.count = len(elements)
+        self.bin = elements.bin
+        self.x = mi.Float(elements.x + np.float32(margin + 0.5))
+        self.y = mi.Float(elements.y + np.float32(margin + 0.5))
+        self.parallax = mi.Float((elements.vergence - middle) * np.float32(scale))
+        self.share = mi.Float(np.ascontiguousarray(elements.values[:, SHARE]))
+
+    def part(self, bins: range) -> tuple[int, int]:
+        """First and last but one of the elements in some bins."""
+        start, stop = np.searchsorted(self.bin, [bins.start, bins.stop])
+        return int(start), int(stop)
+
+    def places(
+        self, part: tuple[int, int], points: tuple[mi.Float, mi.Float], width: int, size: int
+    ) -> tuple[mi.UInt32, mi.UInt32]:
+        """Each element of a part, as many times as there are points; and where each sees it."""
+        count = dr.opaque(mi.UInt32, len(points[0]))
+        lane = dr.arange(mi.UInt32, (part[1] - part[0]) * len(points[0]))
+        element = lane // count
+        point = lane - element * count
+        element += dr.opaque(mi.UInt32, part[0])
+        parallax = dr.gather(mi.Float, self.parallax, element)
+        column, row = (
+            mi.UInt32(
+                dr.fma(parallax, dr.gather(mi.Float, u, point), dr.gather(mi.Float, x, element))
+            )
+            for u, x in zip(points, (self.x, self.y), strict=True)
+        )
+        place = point * dr.opaque(mi.UInt32, size) + row * dr.opaque(mi.UInt32, width) + column
+        return element, place
+
+
+def _seen_from(
+    points: np.ndarray, behind: _Shifted, before: _Shifted, width: int, height: int
+) -> np.ndarray:
+    """What each point sees of each element of ``behind``, uint8 (N, M)."""
+    count, size = len(points), width * height
+    on_device = (
+        mi.Float(np.ascontiguousarray(points[:, 0])),
+        mi.Float(np.ascontiguousarray(points[:, 1])),
+    )
+    covered = dr.zeros(mi.Float, size * count)
+    seen = dr.zeros(mi.UInt8, behind.count * count)
+    if behind.count == 0:
+        return np.array(seen).reshape(0, count)
+    last, width_of_step = int(behind.bin[-1]), -(-int(behind.bin[-1]) // MOST_STEPS) or 1
+    added = MOST_BINS + 1
+    for bin_ in range(last - last % width_of_step, -1, -width_of_step):
+        nearer = before.part(range(bin_ + width_of_step - 1 + TOLERANCE, added))
+        added = bin_ + width_of_step - 1 + TOLERANCE
+        if nearer[0] < nearer[1]:
+            element, place = before.places(nearer, on_device, width, size)
+            share = dr.gather(mi.Float, before.share, element)
+            dr.scatter_add(covered, share, place, mode=dr.ReduceMode.Direct)
+        here = behind.part(range(bin_, bin_ + width_of_step))
+        if here[0] < here[1]:
+            _, place = behind.places(here, on_device, width, size)
+            free = 1 - dr.minimum(dr.gather(mi.Float, covered, place), 1)
+            lane = dr.arange(mi.UInt32, (here[1] - here[0]) * count)
+            dr.scatter(seen, _as_byte(free), lane + dr.opaque(mi.UInt32, here[0] * count))
+            dr.eval(seen)
+    return np.array(seen).reshape(behind.count, count)
+
+
+def _as_byte(share: mi.Float) -> mi.UInt8:
+    return mi.UInt8(mi.UInt32(dr.fma(share, 255, 0.5)))

@@ -1,0 +1,450 @@
+"""What is sampled beyond what the pinhole sees: hidden surfaces and overscan."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi.disocclusion import GROWTH, widest_parallax_scale
+from potmesil_mi.scene import closed_shapes, surface_ids
+from scenes import LENS, diffuse
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+COLUMNS = ("x", "y", "rgb", "alpha", "z", "surface", "weight")
+NO_OVERSCAN = pm.Sampling(overscan=0)
+CHECKS = {
+    "type": "checkerboard",
+    "color0": {"type": "rgb", "value": [0.2, 0.4, 0.7]},
+    "color1": {"type": "rgb", "value": [0.9, 0.1, 0.3]},
+}
+
+
+def at(x, y, z):
+    return mi.ScalarTransform4f().translate([x, y, z])
+
+
+def glowing(left, right, z, radiance=CHECKS, height=6.0):
+    """A thin quad from ``left`` to ``right``, whose radiance no other shape changes."""
+    place = at((left + right) / 2, 0, z).rotate([0, 1, 0], 180)
+    return {
+        "type": "rectangle",
+        "to_world": place.scale([(right - left) / 2, height / 2, 1]),
+        "bsdf": diffuse(0, 0, 0),
+        "emitter": {"type": "area", "radiance": radiance},
+    }
+
+
+def plain(left, right, z, height=6.0):
+    """The same, lit by the sky."""
+    quad = glowing(left, right, z, height=height)
+    return {"type": "rectangle", "to_world": quad["to_world"], "bsdf": diffuse(0.5, 0.5, 0.5)}
+
+
+def ball(**changes):
+    sphere = {"type": "sphere", "center": [0, 0, 2.3], "radius": 0.3, "bsdf": diffuse(0.8, 0.3, 0)}
+    return {**sphere, **changes}
+
+
+def shown(*, spp=4, film=None, integrator=None, f_number=0.1, focus_distance=2.0, **shapes):
+    """A scene under a sky, seen by a lens with a large aperture: 60 pixels to a slope of 1."""
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2, **(integrator or {})},
+            "sensor": {
+                "type": "potmesil",
+                **LENS,
+                "f_number": f_number,
+                "focus_distance": focus_distance,
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 48,
+                    "height": 32,
+                    "rfilter": {"type": "box"},
+                    **(film or {}),
+                },
+                "sampler": {"type": "independent", "sample_count": spp},
+            },
+            "sky": {"type": "constant", "radiance": 0.5},
+            **shapes,
+        }
+    )
+
+
+def layers(samples):
+    """The samples of each layer, as dictionaries of columns."""
+    return [
+        {name: getattr(samples, name)[samples.layer == i] for name in COLUMNS}
+        for i in range(samples.layer.max() + 1)
+    ]
+
+
+def positions(columns):
+    return columns["x"].astype(np.float64) + 1j * columns["y"]
+
+
+def hidden_behind(samples, name, layer=1):
+    """The samples of a layer where the pinhole sees the surface of that ``name``."""
+    ids = [i for i, known in samples.surfaces.items() if known == name]
+    every = layers(samples)
+    visible = positions(every[0])[np.isin(every[0]["surface"], ids)]
+    if layer >= len(every):
+        return {column: every[0][column][:0] for column in COLUMNS}
+    chosen = np.isin(positions(every[layer]), visible)
+    return {column: values[chosen] for column, values in every[layer].items()}
+
+
+def names(samples, columns):
+    return {samples.surfaces.get(int(i), "nothing") for i in np.unique(columns["surface"])}
+
+
+# ---------------------------------------------------------------- what is behind
+
+
+@pytest.mark.parametrize("pattern", ["sampler", "uniform", "adaptive"])
+def test_behind_a_ball_is_what_a_render_without_it_shows(pattern):
+    sampling = pm.Sampling(pattern, overscan=0, threshold=0.0, subdivisions=1)
+    wall = glowing(-3, 3, 4)
+    samples = pm.render_samples(shown(ball=ball(), wall=wall), sampling=sampling)
+    bare = layers(pm.render_samples(shown(wall=wall), sampling=sampling))[0]
+    behind = hidden_behind(samples, "ball")
+    assert len(behind["x"]) > 300
+    assert names(samples, behind) == {"wall"}
+    np.testing.assert_allclose(behind["z"], 4, rtol=1e-5)
+    place = {p: i for i, p in enumerate(positions(bare))}
+    same = [place[p] for p in positions(behind)]
+    np.testing.assert_allclose(behind["rgb"], bare["rgb"][same], atol=1e-6)
+    assert (behind["alpha"] == 1).all()
+
+
+def test_hidden_surfaces_are_sampled_where_the_lens_can_see_past_the_silhouette():
+    samples = pm.render_samples(shown(ball=ball(), wall=glowing(-3, 3, 4)), sampling=NO_OVERSCAN)
+    scale = widest_parallax_scale(samples.lens, samples.camera, 2.0)
+    every = layers(samples)
+    on_ball = every[0]["surface"] == 1
+    from_middle = np.hypot(every[0]["x"] - 24, every[0]["y"] - 16)
+    # How far inside the silhouette each sample lies, and how far the lens sees past it.
+    inside = from_middle[on_ball].max() - from_middle[on_ball]
+    parallax = scale * (1 / every[0]["z"][on_ball] - 1 / 4)
+    sampled = np.isin(positions(every[0])[on_ball], positions(every[1]))
+    assert sampled[inside < parallax].all()
+    # The region is found in steps, and in squares of pixels.
+    assert not sampled[inside > np.sqrt(2) * (GROWTH * (parallax + 1) + 2)].any()
+    # On the wall away from the ball nothing is hidden.
+    assert not np.isin(positions(every[0])[from_middle > 11], positions(every[1])).any()
+
+
+def test_inside_a_large_ball_nothing_is_sampled():
+    scene = shown(ball=ball(radius=0.4), wall=glowing(-3, 3, 4), f_number=0.5)
+    samples = pm.render_samples(scene, sampling=NO_OVERSCAN)
+    behind = hidden_behind(samples, "ball")
+    inside = np.hypot(behind["x"] - 24, behind["y"] - 16)
+    assert len(inside) > 50
+    assert inside.min() > 5
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"type": "sphere", "center": [0, 0, 2.3], "radius": 0.3},
+        {"type": "cylinder", "p0": [0, -0.3, 2.3], "p1": [0, 0.3, 2.3], "radius": 0.2},
+        {"type": "cube"},
+    ],
+    ids=lambda shape: shape["type"],
+)
+def test_the_far_side_of_closed_shapes_is_passed(shape):
+    if shape["type"] == "cube":
+        shape = {**shape, "to_world": at(0, 0, 2.3).rotate([0, 1, 0], 30).scale(0.2)}
+    scene = shown(thing=shape, wall=glowing(-3, 3, 4))
+    samples = pm.render_samples(scene, sampling=pm.Sampling(layers=4, overscan=0))
+    if shape["type"] == "cylinder":  # it is open at its ends, through which one can see
+        assert names(samples, hidden_behind(samples, "thing")) >= {"wall"}
+        return
+    assert names(samples, hidden_behind(samples, "thing")) == {"wall"}
+    assert names(samples, hidden_behind(samples, "thing", 2)) <= {"nothing"}
+
+
+def test_what_is_inside_a_closed_shape_is_never_sampled():
+    stone = {"type": "sphere", "center": [0, 0, 2.3], "radius": 0.28}
+    scene = shown(ball=ball(), stone=stone, wall=glowing(-3, 3, 4))
+    samples = pm.render_samples(scene, sampling=pm.Sampling(layers=4, overscan=0))
+    stones = [i for i, name in samples.surfaces.items() if name == "stone"]
+    assert not np.isin(samples.surface, stones).any()
+    assert names(samples, hidden_behind(samples, "ball")) == {"wall"}
+
+
+def test_an_open_quad_behind_another_is_sampled():
+    shapes = {"near": plain(-0.3, 0.3, 2), "far": plain(-0.6, 0.6, 2.5)}
+    samples = pm.render_samples(shown(**shapes, wall=glowing(-3, 3, 4)), sampling=NO_OVERSCAN)
+    behind = hidden_behind(samples, "near")
+    assert len(behind["x"]) > 300
+    assert names(samples, behind) == {"far"}
+    np.testing.assert_allclose(behind["z"], 2.5, rtol=1e-5)
+
+
+def test_behind_a_room_the_camera_is_in_is_nothing_of_the_room():
+    room = {"type": "cube", "to_world": at(0, 0, 2).scale([4, 4, 4]), "bsdf": diffuse(0.5, 0.5, 0)}
+    lit = {"type": "point", "position": [0, 1, 0], "intensity": 3.0}
+    samples = pm.render_samples(shown(room=room, ball=ball(), sky=lit), sampling=NO_OVERSCAN)
+    behind = hidden_behind(samples, "ball")
+    assert len(behind["x"]) > 300
+    assert names(samples, behind) == {"room"}
+    np.testing.assert_allclose(behind["z"], 6, rtol=1e-5)
+
+
+def test_a_mask_hides_only_where_it_is_opaque():
+    holes = {
+        "type": "mask",
+        "opacity": {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(np.tile([[0.0, 1.0], [1.0, 0.0]], (2, 2)).astype(np.float32)),
+            "filter_type": "nearest",
+            "raw": True,
+        },
+        "bsdf": diffuse(0.6, 0.6, 0.1),
+    }
+    grille = {**plain(-0.6, 0.6, 2, height=1.2), "bsdf": holes}
+    samples = pm.render_samples(
+        shown(grille=grille, wall=glowing(-3, 3, 4)), sampling=pm.Sampling(layers=3, overscan=0)
+    )
+    every = layers(samples)
+    assert {1, 2} == set(every[0]["surface"])
+    behind = hidden_behind(samples, "grille")
+    assert len(behind["x"]) > 300
+    assert names(samples, behind) == {"wall"}
+    np.testing.assert_allclose(behind["z"], 4, rtol=1e-5)
+    # Through the holes the wall is the first surface, and behind it is none.
+    assert names(samples, hidden_behind(samples, "wall")) <= {"nothing"}
+
+
+def test_the_holes_of_a_mask_behind_a_strip_are_looked_through():
+    def behind_a_strip(opacity):
+        mask = {"type": "mask", "opacity": opacity, "bsdf": diffuse(0.6, 0.6, 0.1)}
+        shapes = {"grille": {**plain(-2, 2, 2.5), "bsdf": mask}, "wall": glowing(-3, 3, 4)}
+        samples = pm.render_samples(shown(strip=plain(-0.2, 0.2, 2), **shapes), spp=2)
+        return names(samples, hidden_behind(samples, "strip"))
+
+    assert behind_a_strip(0.0) == {"wall"}
+    assert behind_a_strip(1.0) == {"grille"}
+
+
+def test_layers_are_what_one_ray_meets_one_after_the_other():
+    strips = {
+        "a": plain(-0.2, 0.2, 2),
+        "b": plain(-0.3, 0.3, 2.5),
+        "c": plain(-0.4, 0.4, 3),
+        "d": glowing(-3, 3, 4),
+    }
+    counts = []
+    for number in (1, 2, 3, 4):
+        sampling = pm.Sampling(layers=number, overscan=0)
+        samples = pm.render_samples(shown(**strips), sampling=sampling)
+        counts.append(np.bincount(samples.layer, minlength=4).tolist())
+        assert samples.layer.max() == number - 1
+    assert counts[3][0] == 48 * 32 * 4
+    for count in counts[:-1]:
+        kept = np.count_nonzero(count)
+        assert count[:kept] == counts[3][:kept]
+    for layer, name, depth in ((1, "b", 2.5), (2, "c", 3.0), (3, "d", 4.0)):
+        behind = hidden_behind(samples, "a", layer)
+        assert len(behind["x"]) > 100
+        assert names(samples, behind) == {name}
+        np.testing.assert_allclose(behind["z"], depth, rtol=1e-5)
+
+
+def test_one_layer_gives_no_hidden_samples():
+    scene = shown(ball=ball(), wall=glowing(-3, 3, 4))
+    samples = pm.render_samples(scene, sampling=pm.Sampling(layers=1, overscan=0))
+    assert len(samples) == 48 * 32 * 4
+    assert not samples.layer.any()
+
+
+def test_a_pinhole_gives_no_hidden_samples_and_no_overscan():
+    samples = pm.render_samples(shown(ball=ball(), wall=glowing(-3, 3, 4), f_number=np.inf))
+    assert not samples.layer.any()
+    assert samples.window == (0, 0, 48, 32)
+
+
+def test_the_sky_behind_a_ball_is_at_infinity_and_no_surface():
+    samples = pm.render_samples(shown(ball=ball()), sampling=NO_OVERSCAN)
+    behind = hidden_behind(samples, "ball")
+    assert len(behind["x"]) > 300
+    assert np.isinf(behind["z"]).all()
+    assert (behind["surface"] == 0).all()
+    np.testing.assert_allclose(behind["rgb"], 0.5, atol=1e-6)
+
+
+def test_beyond_the_far_clipping_plane_nothing_is_sampled():
+    scene = shown(ball=ball(), wall=glowing(-3, 3, 4))
+    sensor = pm.potmesil_sensor(
+        mi.load_dict({**scene.sensors()[0].lens().to_thinlens(), "far_clip": 3.0}),
+        focal_length=50.0,
+    )
+    samples = pm.render_samples(scene, sensor, spp=1, sampling=NO_OVERSCAN)
+    assert set(np.unique(samples.surface[samples.layer == 1])) == {0}
+
+
+def test_what_a_mirror_shows_hides_nothing():
+    silver = {"type": "conductor", "material": "none"}
+    mirror = {**plain(-0.3, 0.3, 2), "bsdf": silver}
+    samples = pm.render_samples(shown(mirror=mirror, wall=glowing(-3, 3, 4)))
+    every = layers(samples)
+    in_mirror = np.isin(positions(every[0]), positions(every[1])) if len(every) > 1 else False
+    assert (np.abs(every[0]["x"] - 24) < 8).sum() > 500
+    assert not np.any(in_mirror & (np.abs(every[0]["x"] - 24) < 8.5))
+
+
+def test_lamps_that_are_not_shown_are_not_behind_anything_either():
+    panel = glowing(-0.6, 0.6, 3, radiance={"type": "rgb", "value": 5.0})
+    shapes = {"ball": ball(), "panel": panel, "wall": plain(-3, 3, 4)}
+    for hide, expected in ((False, {"panel"}), (True, {"wall"})):
+        scene = shown(integrator={"hide_emitters": hide}, **shapes)
+        samples = pm.render_samples(scene, sampling=NO_OVERSCAN)
+        assert names(samples, hidden_behind(samples, "ball")) == expected
+
+
+def test_a_hidden_sample_has_the_weight_and_place_of_the_one_before_it():
+    scene = shown(ball=ball(), wall=glowing(-3, 3, 4))
+    for pattern in ("sampler", "uniform", "adaptive"):
+        sampling = pm.Sampling(pattern, overscan=0, subdivisions=1)
+        every = layers(pm.render_samples(scene, sampling=sampling))
+        place = {p: i for i, p in enumerate(positions(every[0]))}
+        assert len(place) == len(every[0]["x"])
+        same = [place[p] for p in positions(every[1])]
+        np.testing.assert_array_equal(every[1]["weight"], every[0]["weight"][same])
+        assert (every[1]["z"] > every[0]["z"][same]).all()
+
+
+def test_a_wider_aperture_to_come_is_allowed_for():
+    scene = shown(ball=ball(), wall=glowing(-3, 3, 4), f_number=0.5)
+    own, wide, narrow = (
+        pm.render_samples(scene, spp=1, sampling=pm.Sampling(min_f_number=n))
+        for n in (None, 0.1, 4.0)
+    )
+    hidden = [np.count_nonzero(s.layer) for s in (narrow, own, wide)]
+    assert hidden[0] < hidden[1] < hidden[2] / 1.5
+    windows = [s.window[2] * s.window[3] for s in (narrow, own, wide)]
+    assert windows[0] < windows[1] < windows[2]
+    assert own.lens == wide.lens == scene.sensors()[0].lens()
+
+
+# ---------------------------------------------------------------- overscan
+
+
+def near_the_frame(**options):
+    """A ball just beyond the right side of a crop window, before a wall."""
+    shapes = {"ball": ball(center=[-0.33, 0, 1.2], radius=0.1), "wall": glowing(-6, 6, 4)}
+    return shown(focus_distance=4.0, f_number=0.2, **shapes, **options)
+
+
+CROP = {"crop_offset_x": 12, "crop_offset_y": 8, "crop_width": 24, "crop_height": 16}
+
+
+def test_overscan_reaches_as_far_as_the_circles_of_confusion():
+    # All that is beyond the window is a wall at 4 m; the focus may be set from 1 m on.
+    scene = shown(wall=glowing(-60, 60, 4, height=120), ball=ball(center=[0, 0, 1.1], radius=0.1))
+    samples = pm.render_samples(scene, spp=1)
+    scale = widest_parallax_scale(samples.lens, samples.camera, 1.0)
+    reach = scale * (1 - 1 / 4)
+    left, top, width, height = samples.window
+    margins = np.array([-left, -top, left + width - 48, top + height - 32])
+    assert (margins >= reach - 1).all()
+    assert (margins <= reach + 2).all()
+
+
+def test_overscan_covers_the_circles_that_reach_the_window_and_no_more():
+    scene = near_the_frame(film=CROP)
+    samples = pm.render_samples(scene, spp=1)
+    scale = widest_parallax_scale(samples.lens, samples.camera, 4.0)
+    reach = scale * (1 / 1.1 - 1 / 4)
+    left, _, width, _ = samples.window
+    assert 12 < reach < 20
+    # The ball's far edge, at 48 pixels or so; the wall's circles are small on the other side.
+    assert 36 + 4 < left + width <= 36 + reach + 2
+    assert 12 - left < 6
+
+
+@pytest.mark.parametrize("margin", [0, 1, 7])
+def test_overscan_is_as_wide_as_is_asked_for(margin):
+    samples = pm.render_samples(
+        near_the_frame(film=CROP), sampling=pm.Sampling(overscan=margin, layers=1)
+    )
+    assert samples.window == (12 - margin, 8 - margin, 24 + 2 * margin, 16 + 2 * margin)
+    assert len(samples) == (24 + 2 * margin) * (16 + 2 * margin) * 4
+    assert (np.bincount(samples.pixel()) == 4).all()
+    assert samples.camera.crop_size == (24, 16)
+
+
+def test_the_samples_of_the_crop_window_come_first_and_are_those_without_overscan():
+    scene = near_the_frame(film=CROP)
+    with_it, without = (
+        pm.render_samples(scene, seed=3, sampling=pm.Sampling(overscan=n, layers=1)) for n in (6, 0)
+    )
+    count = 24 * 16 * 4
+    assert len(without) == count
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(with_it, name)[:count], getattr(without, name))
+
+
+@pytest.mark.parametrize("pattern", ["uniform", "adaptive"])
+def test_a_grid_covers_the_overscan_too(pattern):
+    sampling = pm.Sampling(pattern, overscan=3, layers=1, threshold=1.0, subdivisions=1)
+    samples = pm.render_samples(near_the_frame(film=CROP), spp=1, sampling=sampling)
+    assert samples.window == (9, 5, 30, 22)
+    assert (samples.x.min(), samples.x.max()) == (9, 39)
+    assert (samples.y.min(), samples.y.max()) == (5, 27)
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield"])
+def test_pictures_at_the_border_agree_with_the_middle_of_a_larger_one(method):
+    whole = pm.focus(pm.render_samples(near_the_frame(spp=16)), method=method)
+    middle = np.array(whole)[8:24, 12:36]
+    errors = {}
+    for name, sampling in (("automatic", pm.Sampling()), ("none", NO_OVERSCAN)):
+        samples = pm.render_samples(near_the_frame(film=CROP, spp=16), sampling=sampling)
+        image = np.array(pm.focus(samples, method=method))
+        assert image.shape == middle.shape
+        errors[name] = np.abs(image - middle)[:, -4:].mean()
+    assert errors["automatic"] < 0.02
+    assert errors["none"] > 3 * errors["automatic"]
+
+
+# ---------------------------------------------------------------- closed shapes
+
+
+def strip_of(faces):
+    """A tetrahedron's mesh, of which some faces may be left out."""
+    mesh = mi.Mesh("tetrahedron", 4, len(faces))
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
+    parameters["faces"] = np.array(faces, dtype=np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+
+
+@pytest.mark.parametrize(
+    ("shape", "closed"),
+    [
+        ({"type": "sphere"}, True),
+        ({"type": "cylinder"}, True),
+        ({"type": "cube"}, True),
+        ({"type": "rectangle"}, False),
+        ({"type": "disk"}, False),
+        (TETRAHEDRON, True),
+        (TETRAHEDRON[:3], False),
+        ([*TETRAHEDRON[:3], [0, 2, 3]], False),
+    ],
+    ids=["sphere", "cylinder", "cube", "rectangle", "disk", "mesh", "open", "twisted"],
+)
+def test_closed_shapes_are_told_from_open_ones(shape, closed):
+    shape = shape if isinstance(shape, dict) else strip_of(shape)
+    scene = mi.load_dict({"type": "scene", "thing": shape, "other": {"type": "rectangle"}})
+    ids, surfaces = surface_ids(scene)
+    table = dict(zip(np.array(ids).tolist(), np.array(closed_shapes(scene)).tolist(), strict=True))
+    found = {surfaces[i]: value for i, value in table.items() if i > 0}
+    assert [value for name, value in found.items() if name != "other"] == [closed]
+    assert found["other"] is False
