@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import sys
 import warnings
@@ -21,7 +22,7 @@ from .compare import (
     output_paths,
 )
 from .files import PICTURES, require_writable, write_picture
-from .focus import METHODS, check_options, film_options, focus
+from .focus import METHODS, OPTIONS, check_options, film_options, focus
 from .hidden_surface import PATTERNS, Sampling, render_samples
 from .lens import IMAGE_DISTANCES, ThinLens
 from .metrics import require_extra
@@ -90,18 +91,13 @@ def render(options: argparse.Namespace) -> None:
     check_options(**_focus_options(options))
     scene, sensor = _scene_with_lens(options)
     integrator = scene.integrator()
-    sampling = getattr(integrator, "sampling", Sampling())
     samples = render_samples(
         scene,
         sensor,
         integrator,
         spp=options.spp,
         seed=options.seed,
-        sampling=Sampling(
-            options.pattern or sampling.pattern,
-            sampling.threshold if options.threshold is None else options.threshold,
-            sampling.subdivisions if options.subdivisions is None else options.subdivisions,
-        ),
+        sampling=_sampling(options, integrator),
     )
     if options.samples:
         samples.save(options.samples)
@@ -136,6 +132,7 @@ def against_thinlens(options: argparse.Namespace) -> None:
         sensor,
         spp=options.spp,
         seed=options.seed,
+        sampling=_sampling(options, scene.integrator()),
         reference_spp=options.reference_spp,
         reference_floor=options.reference_floor,
         **{**getattr(scene.integrator(), "options", {}), **_focus_options(options)},
@@ -196,12 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR"
     )
-    group = command.add_argument_group("sampling", "default: what the scene's integrator says")
-    group.add_argument("--pattern", choices=PATTERNS, help="where the image is sampled")
-    group.add_argument(
-        "--threshold", type=float, help="adaptive: intensity difference that is subdivided"
-    )
-    group.add_argument("--subdivisions", type=int, help="adaptive: most subdivisions, 0 to 8")
+    _add_sampling(command)
     _add_lens(command)
     _add_method(command)
 
@@ -236,6 +228,7 @@ def _parser() -> argparse.ArgumentParser:
         help="PSNR of the reference's own noise at which it is done (default: "
         f"{FLOOR_MARGIN:g} dB above the focused picture's)",
     )  # fmt: skip
+    _add_sampling(command)
     _add_lens(command)
     _add_method(command)
 
@@ -297,6 +290,30 @@ def _add_variant(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _add_sampling(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("sampling", "default: what the scene's integrator says")
+    group.add_argument("--pattern", choices=PATTERNS, help="where the image is sampled")
+    group.add_argument(
+        "--threshold", type=float, help="adaptive: intensity difference that is subdivided"
+    )
+    group.add_argument("--subdivisions", type=int, help="adaptive: most subdivisions, 0 to 8")
+    group.add_argument(
+        "--layers", type=int, help="surfaces along a ray, for what near edges uncover (default 2)"
+    )
+    group.add_argument(
+        "--overscan", type=int, metavar="PIXELS",
+        help="beyond each side (default: as far as circles of confusion reach)",
+    )  # fmt: skip
+    group.add_argument(
+        "--min-f-number", type=float, metavar="N",
+        help="widest aperture that the samples must serve (default: the lens's)",
+    )  # fmt: skip
+    group.add_argument(
+        "--virtual-depth", action=argparse.BooleanOptionalAction,
+        help="what is seen in mirrors has the depth of its image (default: yes)",
+    )  # fmt: skip
+
+
 def _add_lens(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("lens", "default: what the scene or the samples say")
     group.add_argument("--f-number", type=float, metavar="N", help="aperture number F/D")
@@ -318,13 +335,22 @@ def _add_lens(command: argparse.ArgumentParser) -> None:
 
 def _add_method(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("focus stage")
-    group.add_argument("--method", choices=METHODS, help="paper: equation 20 (default)")
-    group.add_argument("--tables", type=int, help="number of depth tables (default 73)")
+    group.add_argument(
+        "--method", choices=METHODS,
+        help="layered: what is visible (default); lightfield: the same, finer; paper: equation 20",
+    )  # fmt: skip
+    group.add_argument(
+        "--lens-points", type=int,
+        help="points of the lens from which visibility is found (layered 32, lightfield 128)",
+    )  # fmt: skip
+    group.add_argument("--tables", type=int, help="paper: number of depth tables (default 73)")
     group.add_argument(
         "--inverse-square", action=argparse.BooleanOptionalAction,
-        help="weight samples by 1/z^2, as in the paper (default: yes)",
+        help="paper: weight samples by 1/z^2 (default: yes)",
     )  # fmt: skip
-    group.add_argument("--squares", type=int, help="squares on a side of a pixel (default 2)")
+    group.add_argument(
+        "--squares", type=int, help="squares on a side of a pixel (layered 1, others 2)"
+    )
 
 
 def _scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
@@ -357,8 +383,14 @@ def _lens_options(options: argparse.Namespace) -> dict[str, Any]:
     return _given(options, names)
 
 
+def _sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sampling:
+    names = [field.name for field in dataclasses.fields(Sampling)]
+    sampling = getattr(integrator, "sampling", Sampling())
+    return dataclasses.replace(sampling, **_given(options, names))
+
+
 def _focus_options(options: argparse.Namespace) -> dict[str, Any]:
-    return _given(options, ("method", "tables", "inverse_square", "squares"))
+    return _given(options, OPTIONS)
 
 
 def _given(options: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:

@@ -115,12 +115,12 @@ class Elements:
             dr.eval(light, other)
             left_over = dr.compress(~alone)
             index = np.array(left_over).astype(np.int64) + part.start
-            key = dr.gather(mi.UInt32, square, left_over), dr.gather(mi.UInt32, bin_, left_over)
-            rest.append((index, *(np.array(k).astype(np.int64) for k in key)))
+            where = [dr.gather(mi.UInt32, column, left_over) for column in (square, bin_)]
+            rest.append((index, *(np.array(column).astype(np.int64) for column in where)))
 
         summed_light = np.array(light).reshape(-1, 4)
-        place: np.ndarray = np.flatnonzero(summed_light[:, SHARE])
-        summed: list[np.ndarray] = [*summed_light[place].T, *np.array(other).reshape(-1, 2)[place].T]
+        place = np.flatnonzero(summed_light[:, SHARE])
+        summed = [*summed_light[place].T, *np.array(other).reshape(-1, 2)[place].T]
         index, squares, bins = (np.concatenate(columns) for columns in zip(*rest, strict=True))
         key = (squares * 256 + samples.layer[index]) * (MOST_BINS + 1) + bins
         keys, same = np.unique(key, return_inverse=True)
@@ -177,10 +177,9 @@ class Elements:
         )
         return coarse, index
 
-    def between(self, least: float, most: float) -> slice:
-        """The elements of the bins whose middles have a vergence from ``least`` to ``most``."""
-        ends = (np.array([least, most]) - self.least) / self.step - 0.5
-        start, stop = np.searchsorted(self.bin, np.ceil(np.clip(ends, 0, MOST_BINS + 1)))
+    def between(self, first: int, end: int) -> slice:
+        """The elements of the bins from ``first`` on that come before bin ``end``."""
+        start, stop = np.searchsorted(self.bin, [first, end])
         return slice(int(start), int(stop))
 
     def chosen(self, mask: np.ndarray) -> Elements:

@@ -22,6 +22,7 @@ from .samples import PointSamples
 from .scene import require_vectorised_variant
 
 METHODS = ("layered", "lightfield", "paper")
+OPTIONS = ("method", "lens_points", "tables", "inverse_square", "squares")
 MOST_TABLES = 10_000
 MOST_LENS_POINTS = 4096
 
@@ -58,7 +59,9 @@ def focus(
                                   grid; the one to trust. ``paper``: equation 20, which knows
                                   no occlusion
     ``psf``                       how the light of a point is spread; by default
-                                  :class:`potmesil_mi.Disc`, uniform
+                                  :class:`potmesil_mi.Disc`, uniform. ``layered`` and
+                                  ``lightfield`` spread what only parts of the lens see, and
+                                  circles of less than a pixel's radius, uniformly
     ``lens_points``               ``layered``, ``lightfield``: points of the lens from which
                                   visibility is found, 1 to 4096 (default 32 and 128)
     ``tables``                    ``paper``: number of depths, equally spaced from the nearest
@@ -96,7 +99,6 @@ def focus(
     lens = ThinLens(**lens.to_dict()).in_units(samples.lens.millimeters_per_unit)
     squares = SQUARES[method] if squares is None else squares
     if method == "paper":
-        weights: np.ndarray | None
         fine, weights = equation_20(
             samples,
             lens,
@@ -107,7 +109,7 @@ def focus(
             per_pixel=squares,
         )
     else:
-        fine = see_through(
+        fine, weights = see_through(
             samples,
             lens,
             psf,
@@ -116,7 +118,6 @@ def focus(
             per_pixel=squares,
             exact=method == "lightfield",
         )
-        weights = None
     return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
 
 
@@ -146,20 +147,17 @@ def check_options(
 
 def reconstruct(
     fine: np.ndarray,
-    weights: np.ndarray | None,
+    weights: np.ndarray,
     squares: int,
     rfilter: mi.ReconstructionFilter | None = None,
 ) -> np.ndarray:
     """Pixels of a film from ``squares`` x ``squares`` values in each.
 
     A pixel is the mean of the squares under its filter (box by default), each weighted by
-    ``weights``, float (H, W), or all alike. Where all weights are 0 it is 0.
+    ``weights``, float (H, W). Where all weights are 0 it is 0.
     """
-    if weights is None and (rfilter is None or rfilter.is_box_filter()):
-        height, width, channels = fine.shape
-        tiles = fine.reshape(height // squares, squares, width // squares, squares, channels)
-        return tiles.mean(axis=(1, 3))
-    weights = np.ones(fine.shape[:2]) if weights is None else weights
+    if squares == 1 and (rfilter is None or rfilter.is_box_filter()):
+        return fine
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * squares))
     taps = response((np.arange(-margin, squares + margin) + 0.5) / squares - 0.5)

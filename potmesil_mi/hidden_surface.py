@@ -437,8 +437,8 @@ class _HiddenSurfaceStage:
         if self.sampling.layers == 1 or scale == 0:
             return np.zeros(count, dtype=bool)
         left, top, width, height = self.window
-        column = np.clip(columns["x"].astype(np.int64) - left, 0, width - 1)
-        row = np.clip(columns["y"].astype(np.int64) - top, 0, height - 1)
+        column = np.clip(np.floor(columns["x"]).astype(np.int64) - left, 0, width - 1)
+        row = np.clip(np.floor(columns["y"]).astype(np.int64) - top, 0, height - 1)
         pixel = row * width + column
         nearest = np.full(width * height, np.inf, dtype=np.float32)
         farthest = np.zeros(width * height, dtype=np.float32)

@@ -26,7 +26,7 @@ import numpy as np
 import scipy.fft
 
 from .disocclusion import parallax_scale
-from .elements import SHARE, Elements, scatter_mode
+from .elements import MOST_BINS, SHARE, Elements, scatter_mode
 from .lens import ThinLens
 from .progress import track
 from .psf import PointSpreadFunction, disc_table
@@ -44,12 +44,16 @@ MOST_BRIGHT = 1 << 14
 
 MORE = 16
 
-FINEST = 8
-"""Circles of at least this radius, in squares, are spread on coarser squares so that it is more."""
+FINEST, EXACT_FINEST = 8, 16
+"""Circles of at least twice this radius, in squares (where visibility is exact: in pixels), are
+spread on squares so much coarser that their radius there is no less."""
 
 GROUPS = 4.0 ** np.arange(12)
 """Radii between which circles are one group; up to the first they are of both signs. In a group
 the squares of the radii that have a table are a factor of 2 apart."""
+
+LEAST_SEEN = 8
+"""What the innermost point of the lens sees at least, of 255, of what the pinhole sees."""
 
 LEAST_CELL = 0.4
 """Cells of the lens whose light is spread over a circle of less, in squares, are points."""
@@ -119,6 +123,9 @@ class Layers:
         """
         points = lens_points(count)
         coverable, seen = visibility(elements, scale, points)
+        # The pinhole does see its samples: without a trace of them there might be black holes.
+        first = elements.front[coverable] == 0
+        seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         whole = ~coverable
         whole[coverable] = all_seen
@@ -190,8 +197,10 @@ def see_through(
     lens_points: int,
     per_pixel: int,
     exact: bool,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """The picture that ``lens`` forms of ``samples``, (height * per_pixel, width * per_pixel, C).
+
+    And what each of its squares counts in its pixel.
 
     Visibility is that of ``lens_points`` points of a lens of the same aperture, or, unless
     ``exact``, of one that differs by at most ``SIMILAR``, for with the film at F the aperture
@@ -225,7 +234,10 @@ def see_through(
     )
     width, height = (size * per_pixel for size in samples.camera.crop_size)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
-    return through_lens(layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm)
+    finest = EXACT_FINEST * per_pixel if exact else FINEST
+    return through_lens(
+        layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm, finest
+    )
 
 
 def through_lens(
@@ -235,19 +247,27 @@ def through_lens(
     crop: tuple[int, int, int, int],
     scale: float,
     squares_per_mm: float,
-) -> np.ndarray:
+    finest: float,
+) -> tuple[np.ndarray, np.ndarray]:
     """The picture that ``lens`` forms of layers, float32 (height, width, 3 or 4).
 
     ``layers_at`` gives the layers on squares so many times as large. ``crop`` is the left, top,
     width and height of the picture in squares of the window, ``scale`` the radius of the circle
-    in squares per unit of vergence. Squares that no light reaches are 0.
+    in squares per unit of vergence; circles of a radius of twice ``finest`` squares or more are
+    spread on coarser ones. Squares that no light reaches are 0.
+
+    Also returns the light that reaches each square, float32 (height, width), 1 on the average:
+    what it counts in its pixel, for chance puts more samples here than there.
     """
     layers = layers_at(1)
     channels = layers.whole.values.shape[1]
     # In the column of shares what is covered adds up.
     total = np.zeros((crop[3], crop[2], channels), dtype=np.float32)
-    for least, most, factor in track(list(_groups(layers, lens, scale)), "Focusing"):
-        group = _Group(layers_at(factor), lens, psf, squares_per_mm, scale, least, most, factor)
+    arrived = np.zeros((crop[3], crop[2]), dtype=np.float32)
+    for least, most, factor in track(list(_groups(layers, lens, scale, finest)), "Focusing"):
+        group = _Group(
+            layers_at(factor), lens, psf, squares_per_mm, scale, finest, least, most, factor
+        )
         if group.is_empty():
             continue
         image, rows, columns = _cropped(*group.spread(channels), factor, crop)
@@ -258,13 +278,17 @@ def through_lens(
         admitted = np.zeros_like(free)
         np.divide(free, light, out=admitted, where=light > FAINTEST)
         np.clip(admitted, 0, 1, out=admitted)
+        arrived[rows, columns] += np.maximum(light, 0)
         nearer += np.maximum(image, 0) * admitted[..., None]
     covered = total[..., SHARE]
     picture = np.concatenate([total[..., :SHARE], total[..., SHARE + 1 :]], axis=-1)
-    return picture / np.where(covered > FAINTEST, covered, np.inf)[..., None]
+    lit = covered > FAINTEST
+    return picture / np.where(lit, covered, np.inf)[..., None], np.where(lit, arrived, 0)
 
 
-def _groups(layers: Layers, lens: ThinLens, scale: float) -> Iterator[tuple[float, float, int]]:
+def _groups(
+    layers: Layers, lens: ThinLens, scale: float, finest: float
+) -> Iterator[tuple[float, float, int]]:
     """Signed radii between which circles are a group, and the factor of its squares."""
     ends = np.concatenate(
         [
@@ -277,7 +301,12 @@ def _groups(layers: Layers, lens: ThinLens, scale: float) -> Iterator[tuple[floa
     for least, most in zip(edges[-2::-1], edges[:0:-1], strict=True):
         if most >= ends.min() - 1 and least <= ends.max() + 1:
             smallest = 1.0 if least < 0 < most else min(abs(least), abs(most))
-            yield least, most, 2 ** max(0, math.floor(math.log2(smallest / FINEST)))
+            yield least, most, _factor(smallest, finest)
+
+
+def _factor(radius: float, finest: float) -> int:
+    """How many times as large the squares are on which circles of at least a radius are spread."""
+    return 2 ** max(0, math.floor(math.log2(radius / finest)))
 
 
 class _Group:
@@ -290,17 +319,19 @@ class _Group:
         psf: PointSpreadFunction,
         squares_per_mm: float,
         scale: float,
+        finest: float,
         least: float,
         most: float,
         factor: int,
     ) -> None:
-        self.layers, self.lens, self.psf = layers, lens, psf
+        self.layers, self.lens, self.psf, self.finest = layers, lens, psf, finest
         self.squares_per_mm, self.scale = squares_per_mm / factor, scale / factor
         self.focused = 1 / float(lens.focus_distance)
-        ends = [
-            end / scale + self.focused if scale > 0 else end * math.inf for end in (least, most)
+        ends = [self._bin_at(edge, layers.bright.elements, scale) for edge in (least, most)]
+        self.parts = [
+            elements.between(*(end // size for end in ends))
+            for elements, size in zip(layers.elements, (factor, factor, 1), strict=True)
         ]
-        self.parts = [elements.between(*ends) for elements in layers.elements]
         # How many squares of the elements' own make one of the group's.
         self.sizes = (1, 1, layers.factor)
         self.sign = math.copysign(1, most + least)
@@ -311,6 +342,14 @@ class _Group:
             count = round(math.log2(outer / inner))
             self.octaves = [self.inner * 2**i for i in range(count)]
             self.knots = [self.inner * 2 ** (i / 2) for i in range(2 * count + 1)]
+
+    def _bin_at(self, edge: float, elements: Elements, scale: float) -> int:
+        """The first bin beyond a signed radius, whole also in the coarser bins on either side."""
+        if scale == 0:
+            return 0 if edge < 0 else MOST_BINS + 1
+        coarsest = _factor(abs(edge), self.finest)
+        bin_ = (edge / scale + self.focused - elements.least) / elements.step
+        return min(max(round(bin_ / coarsest), 0) * coarsest, MOST_BINS + 1)
 
     def is_empty(self) -> bool:
         """Whether there is nothing in it."""
@@ -454,10 +493,13 @@ class _Group:
         if vergence < 0:  # No point is there: take one as far in front of what is focused.
             vergence = self.focused + radius / self.scale
         depth = 1 / vergence if vergence > 0 else math.inf
-        size = (self.width // 2, self.height // 2)
         return without_square(
             lambda finer: self.psf.table(
-                self.lens, depth, self.squares_per_mm * finer, MIDDLE, size
+                self.lens,
+                depth,
+                self.squares_per_mm * finer,
+                MIDDLE,
+                (round(self.width * finer / 2), round(self.height * finer / 2)),
             )
         )
 
@@ -507,7 +549,9 @@ def without_square(table: Callable[[float], np.ndarray]) -> np.ndarray:
     done already. So the distribution is made smaller by as much.
     """
     kernel = table(1.0)
-    variance = _variance(kernel) - 1 / 12 if kernel.size > 9 else _variance(table(16.0)) / 256
+    # Of a few squares a table does not tell the variance: ask for it on squares a 16th as large.
+    small = max(kernel.shape) <= 11
+    variance = _variance(table(16.0)) / 256 if small else _variance(kernel) - 1 / 12
     if variance < 1 / 3:
         side = variance / 2
         row = np.array([side, 1 - variance, side])

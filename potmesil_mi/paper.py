@@ -108,6 +108,11 @@ def equation_20(
     samples = samples.visible()
     squares = Squares.of(samples, per_pixel)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
+    # As far as a sample can be from a square of the crop window.
+    farthest = (
+        samples.window[2] * per_pixel + squares.width,
+        samples.window[3] * per_pixel + squares.height,
+    )
     stack = _TableStack.of(samples.z, tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
@@ -134,7 +139,7 @@ def equation_20(
             return np.concatenate(values, axis=1) * weight
 
         def table(offset: np.ndarray, depth: float = depth) -> np.ndarray:
-            return psf.table(lens, depth, squares_per_mm, offset, (squares.width, squares.height))
+            return psf.table(lens, depth, squares_per_mm, offset, farthest)
 
         _spread(sums, squares, samples, index, light_of, table)
 

@@ -9,7 +9,9 @@ def equation_20(samples, lens, pixels, *, squares=2, inverse_square=True):
     """Q, float64 (P, 3), of the ``pixels`` (P, 2), columns and rows of the crop window.
 
     No tables, no classes, no convolution: every sample has its own circle and its own place.
+    Of what is hidden equation 20 knows nothing.
     """
+    samples = samples.visible()
     camera = samples.camera
     z = samples.z.astype(np.float64)
     pixels_per_mm = camera.focal_length_pixels / lens.film_distance

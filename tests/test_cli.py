@@ -18,16 +18,18 @@ def read(path):
     return np.array(mi.Bitmap(str(path)))
 
 
-def test_render_writes_every_picture_and_the_samples(tmp_path):
+@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+def test_render_writes_every_picture_and_the_samples(tmp_path, method):
     paths = [tmp_path / name for name in ("a.png", "a.exr", "a.jpg")]
     outputs = [argument for path in paths for argument in ("-o", str(path))]
     samples = tmp_path / "samples.exr"
-    assert cli.main(["render", FIGURE, *SMALL, *outputs, "--samples", str(samples)]) == 0
+    arguments = [*outputs, "--samples", str(samples), "--method", method]
+    assert cli.main(["render", FIGURE, *SMALL, *arguments]) == 0
     assert sorted(tmp_path.iterdir()) == sorted([*paths, samples])
     linear = read(paths[1])
     assert linear.shape == (24, 24, 3)
     assert linear.dtype == np.float32
-    expected = np.array(pm.focus(pm.PointSamples.load(samples)))
+    expected = np.array(pm.focus(pm.PointSamples.load(samples), method=method))
     np.testing.assert_allclose(linear, expected, atol=1e-5)
     for path in (paths[0], paths[2]):
         assert read(path).dtype == np.uint8
@@ -46,21 +48,26 @@ def test_definitions_and_options_change_the_picture(tmp_path):
     focused = render("a.exr", "-D", "focus_distance=290")
     np.testing.assert_allclose(render("b.exr", "--focus-distance", "290"), focused, atol=1e-5)
     assert np.abs(render("c.exr") - focused).max() > 0.01
-    other = render("d.exr", "--focus-distance", "290", "--no-inverse-square", "--tables", "9")
-    assert np.abs(other - focused).max() > 0.01
+    paper = ["--focus-distance", "290", "--method", "paper"]
+    printed = render("d.exr", *paper)
+    assert np.abs(printed - focused).max() > 0.01
+    other = render("f.exr", *paper, "--no-inverse-square", "--tables", "9")
+    assert np.abs(other - printed).max() > 0.01
     grid = render("e.exr", "--pattern", "uniform", "--focus-distance", "290")
     assert 0 < np.sqrt(np.mean((grid - focused) ** 2)) < 0.1
 
 
-def test_kept_samples_are_refocused(tmp_path):
+@pytest.mark.parametrize("method", [None, "layered", "lightfield", "paper"])
+def test_kept_samples_are_refocused(tmp_path, method):
     samples, path = tmp_path / "samples.exr", tmp_path / "far.exr"
     first = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.exr"), "--samples", str(samples)]
     assert cli.main(first) == 0
     refocus = ["focus", str(samples), "--focus-distance", "980", "--f-number", "2", "-o", str(path)]
-    assert cli.main(refocus) == 0
+    assert cli.main([*refocus, *(["--method", method] if method else [])]) == 0
     loaded = pm.PointSamples.load(samples)
     lens = loaded.lens.replace(focus_distance=980, f_number=2)
-    np.testing.assert_allclose(read(path), np.array(pm.focus(loaded, lens)), atol=1e-5)
+    expected = pm.focus(loaded, lens, **({"method": method} if method else {}))
+    np.testing.assert_allclose(read(path), np.array(expected), atol=1e-5)
 
 
 PERSPECTIVE = """<scene version="3.0.0">

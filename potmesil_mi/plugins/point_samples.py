@@ -50,6 +50,21 @@ class PointSamplesIntegrator(WrapperIntegrator):
      * - subdivisions
        - |int|
        - ``adaptive``: most subdivisions of a pixel, 0 to 8. (Default: 2)
+     * - layers
+       - |int|
+       - Surfaces along a ray that are sampled, 1 to 16: those behind the first only where the
+         lens can see them past a nearer edge. Not in the film's channels. (Default: 2)
+     * - overscan
+       - |int|
+       - Pixels sampled beyond each side of the crop window, 0 to 10000. Not in the film's
+         channels. (Default: as far as circles of confusion reach)
+     * - min_f_number
+       - |float|
+       - The widest aperture that ``layers`` and ``overscan`` must serve. (Default: the lens's)
+     * - virtual_depth
+       - |bool|
+       - Depth of what is seen in mirrors and through panes is that of its image.
+         (Default: true)
     """
 
     plugin = "point_samples"
@@ -77,7 +92,9 @@ def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     if samples.lattice > 0:
         # A corner belongs to the four pixels around it, which equation 20 knows.
         pinhole = samples.lens.replace(f_number=math.inf)
-        return np.array(focus(samples, pinhole, tables=2, inverse_square=False, **options))
+        return np.array(
+            focus(samples, pinhole, method="paper", tables=2, inverse_square=False, **options)
+        )
     film.prepare([])
     block = film.create_block()
     for start in range(0, len(samples), WAVEFRONT):

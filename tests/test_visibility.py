@@ -1,0 +1,246 @@
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi import visibility as visibility_module
+from potmesil_mi.elements import Elements
+from potmesil_mi.visibility import lens_points, visibility, visibility_of_few
+from scenes import synthetic
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+SIZE = 60, 44
+EDGE = 30
+
+
+def planes(*masks_and_depths, size=SIZE):
+    """Samples of planes, each where its mask (x, y) is, from the nearest to the farthest.
+
+    One in each pixel of each plane, in layers as the pinhole sees them.
+    """
+    x, y = (axis.ravel() + 0.5 for axis in np.meshgrid(np.arange(size[0]), np.arange(size[1])))
+    before = np.zeros(len(x), dtype=np.uint8)
+    columns = {name: [] for name in ("x", "y", "z", "layer")}
+    for mask, z in masks_and_depths:
+        there = mask(x, y)
+        for name, values in (("x", x), ("y", y), ("z", np.full(len(x), z)), ("layer", before)):
+            columns[name].append(values[there])
+        before = before + there.astype(np.uint8)
+    columns = {name: np.concatenate(values) for name, values in columns.items()}
+    count = len(columns["x"])
+    return synthetic(count, size=size, weight=np.ones(count), **columns)
+
+
+def everywhere(x, y):
+    return np.ones(len(x), dtype=bool)
+
+
+def left(x, y):
+    return x < EDGE
+
+
+@pytest.fixture
+def half_plane():
+    """A near half plane before a far plane, the whole of which is known."""
+    return planes((left, 1.0), (everywhere, 4.0))
+
+
+def analytic(elements, points, parallax):
+    """Whether points see elements behind the half plane, and how far the edge is from the way."""
+    x = elements.x[:, None] + 0.5 - parallax * points[:, 0]
+    y = elements.y[:, None] + 0.5 - parallax * points[:, 1]
+    inside = (x > 1) & (y > 1) & (x < elements.width - 1) & (y < elements.height - 1)
+    return x > EDGE, np.abs(x - EDGE), inside
+
+
+# ---------------------------------------------------------------- points on the lens
+
+
+@pytest.mark.parametrize("count", [8, 32, 128, 512])
+def test_points_on_the_lens_are_spread_like_a_disc(count):
+    points = lens_points(count)
+    assert points.shape == (count, 2)
+    assert (np.hypot(*points.T) < 1).all()
+    tolerance = 0.02 if count >= 128 else 0.04 if count >= 32 else 0.1
+    np.testing.assert_allclose((points**2).mean(axis=0), 0.25, atol=tolerance / 2)
+    np.testing.assert_allclose(points.mean(axis=0), 0, atol=2 / count)
+    assert (points**2).sum(axis=1).mean() == pytest.approx(0.5)
+
+
+def test_turned_points_are_spread_like_a_disc_too():
+    elements = Elements.of(planes((everywhere, 2.0)), 1, 1.0)
+    points = lens_points(16)
+    turns = visibility_module.Turns(elements)
+    lane = np.arange(len(elements) * 16)
+    u, v = turns.points(
+        *(mi.Float(np.tile(column, len(elements)).astype(np.float32)) for column in points.T),
+        mi.UInt32(lane % 16),
+        mi.UInt32(lane // 16),
+    )
+    u, v = np.array(u).reshape(-1, 16), np.array(v).reshape(-1, 16)
+    assert np.hypot(u, v).max() <= 1 + 1e-6
+    np.testing.assert_allclose([np.mean(u**2), np.mean(v**2)], 0.25, atol=0.005)
+    np.testing.assert_allclose([np.mean(u), np.mean(v)], 0, atol=0.005)
+    assert len(np.unique(u[:, 0])) > 0.9 * len(elements), "each element has its own"
+
+
+# ---------------------------------------------------------------- what points see
+
+
+@pytest.mark.parametrize("parallax", [2.0, 5.0, 11.0])
+def test_behind_a_half_plane_points_see_what_geometry_lets_them(half_plane, parallax):
+    scale = parallax / (1 - 1 / 4)
+    elements = Elements.of(half_plane, 1, scale)
+    points = lens_points(64)
+    coverable, seen = visibility(elements, scale, points)
+    behind = elements.chosen(coverable)
+    np.testing.assert_allclose(behind.vergence, 1 / 4)
+    expected, from_edge, inside = analytic(behind, points, parallax)
+    clear = inside & (from_edge > 1)
+    np.testing.assert_array_equal(seen[clear], np.where(expected, 255, 0)[clear])
+    # On the whole the edge is where it should be, to a small part of a square.
+    shift = (seen[inside] / 255 - expected[inside]).sum() / (from_edge[inside] < 0.5).sum()
+    assert abs(shift) < 0.2
+    # What is too far from the edge to be covered is not asked for.
+    assert not coverable[(elements.vergence < 0.5) & (elements.x > EDGE + 1.5 * parallax + 4)].any()
+
+
+def test_nothing_hides_what_is_nearest(half_plane):
+    elements = Elements.of(half_plane, 1, 10.0)
+    coverable, _ = visibility(elements, 10.0, lens_points(16))
+    assert not coverable[elements.vergence > 0.5].any()
+
+
+def test_the_order_of_the_lens_points_is_that_of_the_columns(half_plane):
+    elements = Elements.of(half_plane, 1, 10.0)
+    points = lens_points(16)
+    coverable, seen = visibility(elements, 10.0, points)
+    order = np.random.default_rng(0).permutation(16)
+    again = visibility(elements, 10.0, points[order])
+    np.testing.assert_array_equal(again[0], coverable)
+    np.testing.assert_array_equal(again[1], seen[:, order])
+
+
+def test_few_points_at_a_time_see_the_same(half_plane, monkeypatch):
+    elements = Elements.of(half_plane, 1, 10.0)
+    points = lens_points(16)
+    _, seen = visibility(elements, 10.0, points)
+    monkeypatch.setattr(visibility_module, "MEMORY", 3 * 80 * 60)
+    np.testing.assert_array_equal(visibility(elements, 10.0, points)[1], seen)
+
+
+def test_a_flat_picture_covers_nothing_of_itself():
+    elements = Elements.of(planes((everywhere, 2.0)), 1, 100.0)
+    coverable, seen = visibility(elements, 100.0, lens_points(16))
+    assert not coverable.any()
+    assert seen.shape == (0, 16)
+
+
+@pytest.mark.parametrize(("slope", "least"), [(0.2, 1.0), (1 / 3, 0.95)])
+def test_a_slanted_surface_does_not_cover_itself(slope, least):
+    flat = planes((everywhere, 2.0))
+    # From pixel to pixel the circle's radius changes by so much.
+    vergence = 0.25 + slope * flat.x / 40
+    elements = Elements.of(flat.replace(z=1 / vergence), 1, 40.0)
+    coverable, seen = visibility(elements, 40.0, lens_points(32))
+    share = np.ones((len(elements), 32))
+    share[coverable] = seen / 255
+    assert share.mean() >= least
+
+
+def test_half_transparent_edges_let_half_through():
+    mask = planes((left, 1.0), (everywhere, 4.0))
+    near = mask.z == 1
+    half = mask.replace(weight=np.where(near, 0.5, 1.0))
+    elements = Elements.of(half, 1, 10.0)
+    coverable, seen = visibility(elements, 10.0, lens_points(64))
+    values = seen[elements.chosen(coverable).x > 8]
+    # A point's ways are a square apart, or two ways meet in one.
+    assert np.isin(values, (0, 127, 128, 255)).all()
+    assert np.isin(values, (127, 128)).mean() > 0.3
+
+
+def test_a_third_plane_is_covered_by_both_before_it():
+    def right(x, y):
+        return x > EDGE
+
+    samples = planes((left, 1.0), (right, 2.0), (everywhere, 4.0))
+    scale = 12.0
+    elements = Elements.of(samples, 1, scale)
+    points = lens_points(64)
+    coverable, seen = visibility(elements, scale, points)
+    behind = elements.chosen(coverable)
+    far = behind.vergence < 0.3
+    # Between the nearer ones a gap opens to the points on one side.
+    x = behind.x[far][:, None] + 0.5
+    past_first = x - scale * 0.75 * points[:, 0]
+    past_second = x - scale * 0.25 * points[:, 0]
+    free = (past_first > EDGE) & (past_second < EDGE)
+    sure = (np.abs(past_first - EDGE) > 1) & (np.abs(past_second - EDGE) > 1)
+    inner = (np.abs(behind.x[far] - EDGE) < 12) & (np.abs(behind.y[far] - 22) < 10)
+    sure &= inner[:, None]
+    assert free[sure].sum() > 100
+    np.testing.assert_array_equal(seen[far][sure], np.where(free, 255, 0)[sure])
+
+
+def test_what_is_close_behind_the_first_surface_is_seen_from_nowhere():
+    close = 1 / (1 / 2 - 0.3 * 1 / 10)
+    samples = planes((left, 2.0), (everywhere, close))
+    elements = Elements.of(samples, 1, 10.0)
+    coverable, seen = visibility(elements, 10.0, lens_points(16))
+    hidden = elements.front[coverable] > 0
+    assert hidden.sum() == EDGE * SIZE[1]
+    assert not seen[hidden].any()
+
+
+# ---------------------------------------------------------------- ways followed one by one
+
+
+def as_they_are(self, u, v, point, element):
+    return u, v
+
+
+@pytest.mark.parametrize("parallax", [3.0, 11.0])
+def test_both_ways_to_find_visibility_agree(half_plane, parallax, monkeypatch):
+    monkeypatch.setattr(visibility_module.Turns, "points", as_they_are)
+    scale = parallax / (1 - 1 / 4)
+    elements = Elements.of(half_plane, 1, scale)
+    points = lens_points(64)
+    coverable, seen = visibility(elements, scale, points)
+    few = elements.chosen(coverable)
+    also = visibility_of_few(elements, few, scale, points)
+    assert also.shape == seen.shape
+    expected, from_edge, inside = analytic(few, points, parallax)
+    clear = inside & (from_edge > 1.5)
+    np.testing.assert_array_equal(also[clear], np.where(expected, 255, 0)[clear])
+    assert np.mean(also[inside] != seen[inside]) < 0.04
+    assert abs(also[inside].mean() - seen[inside].mean()) < 3
+
+
+def test_few_elements_are_seen_as_by_points_of_their_own(half_plane):
+    scale, parallax = 40 / 3, 10.0
+    elements = Elements.of(half_plane, 1, scale)
+    few = elements.chosen((elements.vergence < 0.5) & (np.abs(elements.x - EDGE) < 12))
+    seen = visibility_of_few(elements, few, scale, lens_points(256))
+    # The part of the lens that sees past the edge: that of a disc beyond a chord.
+    t = np.clip((few.x + 0.5 - EDGE) / parallax, -1, 1)
+    expected = (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi + 0.5
+    inner = (few.y > 12) & (few.y < SIZE[1] - 12)
+    difference = seen.mean(axis=1)[inner] / 255 - expected[inner]
+    assert np.abs(difference).max() < 0.05
+    assert np.abs(difference).mean() < 0.02
+
+
+def test_of_no_elements_nothing_is_asked(half_plane):
+    elements = Elements.of(half_plane, 1, 10.0)
+    none = elements.chosen(np.zeros(len(elements), dtype=bool))
+    assert visibility_of_few(elements, none, 10.0, lens_points(16)).shape == (0, 16)
+
+
+def test_the_pinhole_of_a_closed_lens_sees_what_the_samples_show():
+    samples = planes((left, 1.0), (everywhere, 4.0))
+    colours = np.where(samples.z[:, None] == 1, [1.0, 0, 0], [0, 1.0, 0])
+    image = np.array(pm.focus(samples.replace(rgb=colours), samples.lens.replace(f_number=np.inf)))
+    np.testing.assert_array_equal(image[:, :EDGE], np.broadcast_to([1, 0, 0], (44, EDGE, 3)))
+    np.testing.assert_array_equal(image[:, EDGE:], np.broadcast_to([0, 1, 0], (44, 60 - EDGE, 3)))
