@@ -57,8 +57,10 @@ def main() -> None:
 
     scene = common.load_paper_scene(arguments.res, arguments.spp)
     sets = {
-        "uniform": pm.render_samples(scene, spp=1, sampling=pm.Sampling(pattern="uniform")),
-        "sampler": pm.render_samples(scene, seed=0),
+        "uniform": pm.render_samples(
+            scene, spp=1, sampling=pm.Sampling(pattern="uniform", layers=1, overscan=0)
+        ),
+        "sampler": pm.render_samples(scene, seed=0, sampling=pm.Sampling(layers=1, overscan=0)),
     }
     for pattern in arguments.patterns:
         console.print(against_brute_force(pattern, sets[pattern], arguments))
@@ -84,7 +86,9 @@ def against_brute_force(pattern: str, samples: pm.PointSamples, arguments: argpa
         cells = []
         for tables in arguments.tables:
             picture = np.array(
-                pm.focus(samples, lens, tables=tables, inverse_square=inverse_square)
+                pm.focus(
+                    samples, lens, method="paper", tables=tables, inverse_square=inverse_square
+                )
             )
             error = picture[pixels[:, 1], pixels[:, 0]] - exact
             cells.append(f"{rms(error) / rms(exact):.2e} / {np.abs(error).max():.1e}")
@@ -140,7 +144,7 @@ def brute_force(
     finite = np.flatnonzero(np.isfinite(samples.z))
     # 1/z² of a sample at infinity is that of the farthest, which must then be there.
     farthest = finite[np.argmax(samples.z[finite])]
-    columns = ("x", "y", "rgb", "alpha", "z", "surface", "weight")
+    columns = ("x", "y", "rgb", "alpha", "z", "surface", "weight", "layer")
     result = np.empty((len(pixels), 3))
     size = max(camera.crop_size) / TILES
     tile = (pixels // size).astype(int) @ [1, TILES]
@@ -184,7 +188,7 @@ def uniform_pictures(sets: dict[str, pm.PointSamples], arguments: argparse.Names
             arguments.focus_distances, colours.items()
         ):
             lens = samples.lens.replace(f_number=arguments.f_number, focus_distance=distance)
-            picture = np.array(pm.focus(samples.replace(rgb=rgb), lens))
+            picture = np.array(pm.focus(samples.replace(rgb=rgb), lens, method="paper"))
             if colour == "halves":
                 circle = np.abs(lens.circle_of_confusion(samples.z)).max()
                 circle *= samples.camera.focal_length_pixels / lens.film_distance
@@ -237,7 +241,9 @@ def stopped_down(scene: mi.Scene, sets: dict[str, pm.PointSamples]):
         samples = sets[name]
         for f_number, inverse_square in itertools.product((1e3, 1e9), (True, False)):
             lens = samples.lens.replace(f_number=f_number)
-            picture = np.array(pm.focus(samples, lens, inverse_square=inverse_square))
+            picture = np.array(
+                pm.focus(samples, lens, method="paper", inverse_square=inverse_square)
+            )
             difference = picture - pinhole
             circle = np.abs(lens.circle_of_confusion(samples.z)).max()
             circle *= samples.camera.focal_length_pixels / lens.film_distance

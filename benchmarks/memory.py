@@ -59,7 +59,9 @@ def main() -> None:
         circle = circle.max() * samples.camera.focal_length_pixels / lens.film_distance
         steps.run(
             f"focused at {distance:g}, circles up to {circle:.0f} pixels",
-            lambda lens=lens: np.array(pm.focus(samples, lens, tables=arguments.tables)),
+            lambda lens=lens: np.array(
+                pm.focus(samples, lens, method="paper", tables=arguments.tables)
+            ),
         )
     console.print(steps.table)
     within = common.peak_memory() <= arguments.limit

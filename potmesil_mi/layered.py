@@ -44,6 +44,9 @@ MOST_BRIGHT = 1 << 14
 
 MORE = 16
 
+CLOSED = 1e-9
+"""What a closed aperture's circles have for a radius, in squares per unit of vergence."""
+
 FINEST, EXACT_FINEST = 8, 16
 """Circles of at least twice this radius, in squares (where visibility is exact: in pixels), are
 spread on squares so much coarser that their radius there is no less."""
@@ -209,7 +212,7 @@ def see_through(
     scale = parallax_scale(lens, samples.camera) * per_pixel
     similar = scale
     if scale == 0:
-        samples, similar = samples.visible(), 1.0
+        samples, similar = samples.visible(), CLOSED
     elif not exact:
         steps = round(math.log(scale) / math.log1p(2 * SIMILAR))
         similar = math.exp(steps * math.log1p(2 * SIMILAR))
@@ -379,6 +382,8 @@ class _Group:
         far = [(image, kernel) for image, kernel in images if kernel.size > 9]
         if far:
             near.append(self._spread_far(far))
+        if not near:
+            return np.zeros((0, 0, channels), dtype=np.float32), self.left, self.top
         return sum(near[1:], start=near[0]), self.left, self.top
 
     def _spread_far(self, images: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

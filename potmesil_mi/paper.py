@@ -302,9 +302,11 @@ def _range(parts: Iterable[np.ndarray]) -> np.ndarray:
 def _add(target: np.ndarray, image: np.ndarray, top: int, left: int) -> None:
     """Add ``image`` to ``target`` with its corner at (top, left); what lies outside is lost."""
     rows, columns = (
-        slice(max(start, 0), max(min(start + length, size), 0))
+        slice(min(max(start, 0), size), max(min(start + length, size), 0))
         for start, length, size in zip((top, left), image.shape, target.shape, strict=False)
     )
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        return
     target[rows, columns] += image[
         rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
     ]

@@ -55,8 +55,10 @@ def visibility(
     margin = math.ceil(scale * (ends[1] - ends[0]) / 2) + 2
     width, height = elements.width + 2 * margin, elements.height + 2 * margin
     at_once = max(1, MEMORY // (width * height))
+    covers = _coverage(elements)
     behind, before = (
-        _Shifted(elements.chosen(mask), margin, middle, scale) for mask in (coverable, covering)
+        _Shifted(elements.chosen(mask), covers[mask], margin, middle, scale)
+        for mask in (coverable, covering)
     )
     result = np.empty((behind.count, len(points)), dtype=np.uint8)
     for first in range(0, len(points), at_once):
@@ -111,7 +113,7 @@ def visibility_of_few(
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
     np.maximum.at(nearest, square, parallax)
     same = parallax > nearest[square] - 1
-    share = np.bincount(square[same], elements.values[same, SHARE], width * height)
+    share = np.bincount(square[same], _coverage(elements)[same], width * height)
     parallaxes, shares = mi.Float(nearest), mi.Float(share)
     end = dr.opaque(mi.Float, float(nearest.max()))
     count = dr.opaque(mi.UInt32, len(points))
@@ -146,6 +148,18 @@ def visibility_of_few(
     return np.array(_as_byte(free)).reshape(len(few), len(points))
 
 
+def _coverage(elements: Elements) -> np.ndarray:
+    """How much of its square each element covers, float32 (N,).
+
+    Its share of what the pinhole sees in the square: where chance has put fewer samples, that
+    is no hole.
+    """
+    square = elements.y.astype(np.int64) * elements.width + elements.x
+    share, first = elements.values[:, SHARE], elements.front == 0
+    total = np.bincount(square[first], share[first], elements.width * elements.height)[square]
+    return (share / np.where(total > 0, total, 1)).astype(np.float32)
+
+
 def _has_beside(elements: Elements, others: np.ndarray, scale: float) -> np.ndarray:
     """Elements, bool (N,), over which parallax may move one of ``others``, bool (N,), in front.
 
@@ -169,13 +183,15 @@ def _has_beside(elements: Elements, others: np.ndarray, scale: float) -> np.ndar
 class _Shifted:
     """Elements as lens points see them, on a grid with a margin around the window."""
 
-    def __init__(self, elements: Elements, margin: int, middle: float, scale: float) -> None:
+    def __init__(
+        self, elements: Elements, covers: np.ndarray, margin: int, middle: float, scale: float
+    ) -> None:
         self.count = len(elements)
         self.bin = elements.bin
         self.x = mi.Float(elements.x + np.float32(margin + 0.5))
         self.y = mi.Float(elements.y + np.float32(margin + 0.5))
         self.parallax = mi.Float((elements.vergence - middle) * np.float32(scale))
-        self.share = mi.Float(np.ascontiguousarray(elements.values[:, SHARE]))
+        self.covers = mi.Float(covers)
 
     def part(self, bins: range) -> tuple[int, int]:
         """First and last but one of the elements in some bins."""
@@ -222,7 +238,7 @@ def _seen_from(
         added = bin_ + width_of_step - 1 + TOLERANCE
         if nearer[0] < nearer[1]:
             element, place = before.places(nearer, on_device, width, size)
-            share = dr.gather(mi.Float, before.share, element)
+            share = dr.gather(mi.Float, before.covers, element)
             dr.scatter_add(covered, share, place, mode=dr.ReduceMode.Direct)
         here = behind.part(range(bin_, bin_ + width_of_step))
         if here[0] < here[1]:

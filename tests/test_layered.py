@@ -137,7 +137,6 @@ def test_a_point_becomes_a_disc_of_the_right_radius_and_light(method, depth, rad
     np.testing.assert_allclose(inner * math.pi * radius**2, 1, atol=0.2)
 
 
-@pytest.mark.xfail(reason="visibility is that of a lens of one square per unit of vergence")
 @pytest.mark.parametrize("squares", [1, 3])
 @pytest.mark.parametrize("lens", [{"f_number": np.inf}, {"aperture_radius": 0.0}])
 def test_a_closed_aperture_gives_what_the_pinhole_sees(squares, lens):
@@ -199,7 +198,6 @@ def test_what_is_far_and_in_focus_is_sharp_beside_something_blurred(method):
     np.testing.assert_allclose(image[8:-8, covered], np.broadcast_to(RED, (24, 20, 3)), atol=0.01)
 
 
-@pytest.mark.xfail(reason="spread() has no image to add up")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_hidden_light_that_no_point_of_the_lens_sees_changes_nothing(method):
     def lit(x, y):
@@ -216,10 +214,7 @@ def test_a_hidden_light_that_no_point_of_the_lens_sees_changes_nothing(method):
     "method",
     [
         "layered",
-        pytest.param(
-            "lightfield",
-            marks=pytest.mark.xfail(reason="squares with fewer samples are taken for transparent"),
-        ),
+        "lightfield",
     ],
 )
 def test_an_opaque_plane_that_is_sampled_at_random_lets_no_light_through(method):
@@ -251,7 +246,7 @@ def seen_through_planes(shown, size, circles, lens_points=3000, per_pixel=3):
     return (total / lens_points).reshape(shape).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize(("method", "least"), [("layered", 39.5), ("lightfield", 43.0)])
+@pytest.mark.parametrize(("method", "least"), [("layered", 40.0), ("lightfield", 41.5)])
 @pytest.mark.parametrize("focus_distance", [1.0, 1.7, 4.0])
 def test_three_planes_look_as_if_traced_ray_by_ray(method, least, focus_distance):
     size = 44, 32

@@ -152,7 +152,8 @@ def test_a_slanted_surface_does_not_cover_itself(slope, least):
 def test_half_transparent_edges_let_half_through():
     mask = planes((left, 1.0), (everywhere, 4.0))
     near = mask.z == 1
-    half = mask.replace(weight=np.where(near, 0.5, 1.0))
+    both = near | (mask.layer > 0)
+    half = mask.replace(weight=np.where(both, 0.5, 1.0), layer=np.zeros(len(mask)))
     elements = Elements.of(half, 1, 10.0)
     coverable, seen = visibility(elements, 10.0, lens_points(64))
     values = seen[elements.chosen(coverable).x > 8]
