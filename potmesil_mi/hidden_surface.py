@@ -399,6 +399,12 @@ class _HiddenSurfaceStage:
         hit = self._first_hit(ray)
         if not self.follows:
             return self._depth(hit), hit, mi.Bool(False)
+        return self._shown_at(ray, hit)
+
+    def _shown_at(
+        self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f
+    ) -> tuple[mi.Float, mi.SurfaceInteraction3f, mi.Bool]:
+        """Depth and surface of what a primary ray's hit shows, if that is a mirror or a pane."""
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
         return seen(self.scene, to_world @ mi.Point3f(0), ray, hit, axis)
@@ -512,8 +518,10 @@ class _HiddenSurfaceStage:
         there = active & (passed == layer)
         ray.o = dr.select(there, origin, ray.o)
         ray.maxt = dr.dot(end - ray.o, ray.d)
-        depth = dr.select(there, self._depth(behind), 0)
-        return self._shaded(ray, ray_weight, depth, behind, there)
+        depth, shown = self._depth(behind), behind
+        if self.follows:
+            depth, shown, _ = self._shown_at(mi.Ray3f(ray), behind)
+        return self._shaded(ray, ray_weight, dr.select(there, depth, 0), shown, there)
 
     def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
         """The surface that the nested integrator sees first: it may leave out area lights."""

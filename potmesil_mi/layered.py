@@ -24,6 +24,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import scipy.fft
+import scipy.ndimage
 
 from .disocclusion import parallax_scale
 from .elements import MOST_BINS, SHARE, Elements, scatter_mode
@@ -38,6 +39,9 @@ SIMILAR = 0.025
 
 BRIGHT = 8
 """Elements so many times as bright as most show the shape of the lens where they are blurred."""
+
+BRIGHT_BESIDE, NEIGHBOURHOOD = 6, 33
+"""And so many times as bright as the mean of so many squares each way around them."""
 
 MOST_BRIGHT = 1 << 14
 """Most elements that are seen from ``MORE`` times as many lens points because they are bright."""
@@ -109,8 +113,9 @@ class Layers:
     """What is known of samples before the lens is focused.
 
     ``whole`` are elements that the whole lens sees, ``partial`` those of which parts of it do
-    not see all. ``bright`` are some of these, whose light shows how the lens is cut up; they are
-    seen from more points, and always on squares as large as those of the picture.
+    not see all. ``bright`` are the colours, without the shares, of some of either kind, whose light
+    shows the shape of the lens and how it is cut up; they are seen from more points, and kept on
+    the squares of the picture.
     """
 
     whole: Elements
@@ -130,17 +135,20 @@ class Layers:
         first = elements.front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
-        whole = ~coverable
-        whole[coverable] = all_seen
-        covered = elements.chosen(coverable)
-        bright = _is_bright(elements)[coverable] & ~all_seen
-        few, more = covered.chosen(bright), lens_points(MORE * count)
+        whole, partial = ~coverable, np.zeros(len(elements), dtype=bool)
+        whole[coverable], partial[coverable] = all_seen, some_seen & ~all_seen
+        bright = _is_bright(elements) & (whole | partial)
+        few, more = elements.chosen(bright), lens_points(MORE * count)
         seen_of_few = visibility_of_few(elements, few, scale, more)
-        rest = some_seen & ~all_seen & ~bright
+        # The bright ones' colours leave their shares of the squares behind.
+        colours, shares = few.values.copy(), elements.values.copy()
+        colours[:, SHARE:] = 0
+        shares[bright, :SHARE] = 0
+        elements = dataclasses.replace(elements, values=shares)
         return cls(
             elements.chosen(whole),
-            Partial(covered.chosen(rest), seen[rest], points),
-            Partial(few, seen_of_few, more, turned=True),
+            Partial(elements.chosen(partial), seen[partial[coverable]], points),
+            Partial(dataclasses.replace(few, values=colours), seen_of_few, more, turned=True),
         )
 
     def coarser(self, factor: int) -> Layers:
@@ -160,9 +168,16 @@ class Layers:
 
 
 def _is_bright(elements: Elements) -> np.ndarray:
-    """The elements, bool (N,), much brighter than most, but no more than ``MOST_BRIGHT``."""
+    """The elements, bool (N,), much brighter than most and than what is around them.
+
+    There are no more than ``MOST_BRIGHT``.
+    """
     peak = elements.values[:, :SHARE].max(axis=1)
+    picture = np.zeros((elements.height, elements.width), dtype=np.float32)
+    np.maximum.at(picture, (elements.y, elements.x), peak)
+    around = scipy.ndimage.uniform_filter(picture, NEIGHBOURHOOD)[elements.y, elements.x]
     least = BRIGHT * np.median(peak)
+    peak[peak < BRIGHT_BESIDE * around] = 0
     if len(peak) > MOST_BRIGHT:
         least = max(least, float(np.partition(peak, -MOST_BRIGHT)[-MOST_BRIGHT]))
     return peak > least
@@ -468,8 +483,8 @@ class _Group:
                 buffer.add(columns, element, beside, share_x * share_y * seen, seen > 0)
         for edge, image in zip(self.octaves, buffer.images(), strict=True):
             if image.any():
-                # Turned points leave few gaps; others must be wide enough, and not blur edges.
-                cell = edge * (math.sqrt(2) if partial.turned else 1) / math.sqrt(count)
+                # Single bright elements show gaps between points; of the others edges do.
+                cell = edge * (2 if partial.turned else 1) / math.sqrt(count)
                 yield (
                     image,
                     np.ones((1, 1))
