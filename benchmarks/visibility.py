@@ -93,7 +93,7 @@ CASES = {
     "room": Case(
         file="room.xml",
         res=256,
-        settings=((2.8, 4.2),),
+        settings=((2.8, 3.2),),
         spp=(16, 64),
         beyond_thinlens={16: 4, 64: 0},
     ),
