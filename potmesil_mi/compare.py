@@ -463,17 +463,21 @@ def _timed_stages(
 ) -> _Stages:
     samples, sampling_first = _timed(take_samples)
     picture, focus_first = _timed(lambda: form(samples, lens))
-    samples, sampling_again = _timed(take_samples)
-    _, compiled = _timed(lambda: form(samples, lens))
+    again: list[float] = []
+    compiled: list[float] = []
+    while not again or (len(again) < REPEATS and again[0] < LONG):
+        samples, seconds = _timed(take_samples)
+        again.append(seconds)
+        compiled.append(_timed(partial(form, samples, lens))[1])
     # Slightly refocused, so that no result of the lens itself can be used again.
     others = [
         lens.replace(focus_distance=lens.focus_distance * (1 + number / 100))
         for number in range(1, REPEATS + 1)
     ]
     steady = statistics.median(_timed(partial(form, samples, other))[1] for other in others)
-    sampling = (sampling_first, sampling_again)
-    count = len(samples)
-    return _Stages(picture, count, sampling, focus_first, steady, sampling_again + compiled)
+    sampling = (sampling_first, statistics.median(again))
+    first_picture = statistics.median(map(sum, zip(again, compiled, strict=True)))
+    return _Stages(picture, len(samples), sampling, focus_first, steady, first_picture)
 
 
 def _timed(action: Callable[[], Any]) -> tuple[Any, float]:

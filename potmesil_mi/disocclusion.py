@@ -48,16 +48,14 @@ def disoccluded(nearest: np.ndarray, farthest: np.ndarray, scale: float) -> np.n
     that of :func:`parallax_scale`. What is hidden in a pixel shows where a farther surface is
     seen within the parallax of the two depths. Returns bool (H, W).
     """
-    near, far = 1 / nearest.astype(np.float64), 1 / farthest.astype(np.float64)
-    parallax = scale * near
+    near, far = (np.float32(scale) / depth.astype(np.float32) for depth in (nearest, farthest))
     result = np.zeros(near.shape, dtype=bool)
     distance, before = 1, 0.0
-    largest = scale * float(near.max() - far.min())
+    largest = float(near.max() - far.min())
     while before <= largest + 1 and before < max(near.shape):
         behind = scipy.ndimage.minimum_filter(far, 2 * distance + 1, mode="nearest")
-        gap = parallax - scale * behind
         # Within a pixel there is no silhouette of less than half a pixel's parallax to be seen.
-        result |= gap >= max(before - 1, 0.5)
+        result |= near - behind >= max(before - 1, 0.5)
         before = distance
         distance = max(distance + 1, math.ceil(distance * GROWTH))
     return result

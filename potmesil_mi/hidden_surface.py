@@ -180,16 +180,21 @@ class _HiddenSurfaceStage:
 
     def run(self) -> dict[str, Any]:
         """The columns of :class:`PointSamples`."""
+        if self.sampling.pattern == "sampler":
+            kept = self._by_sampler()
+            self._add_hidden(kept, self.spp)
+            return kept.columns()
         if self.sampling.pattern == "uniform":
             columns = self._uniform()
-        elif self.sampling.pattern == "adaptive":
-            columns = self._adaptive(self.sampling.threshold, self.sampling.subdivisions)
         else:
-            columns = self._by_sampler()
-        columns["layer"] = np.zeros(len(columns["x"]), dtype=np.uint8)
-        return self._with_hidden(columns)
+            columns = self._adaptive(self.sampling.threshold, self.sampling.subdivisions)
+        lattice = columns.pop("lattice")
+        kept = _Columns(len(columns["x"]))
+        kept.add(columns, layer=0)
+        self._add_hidden(kept, 1)
+        return {**kept.columns(), "lattice": lattice}
 
-    def _by_sampler(self) -> dict[str, Any]:
+    def _by_sampler(self) -> _Columns:
         """``spp`` samples in each pixel where the sampler puts them, pixel by pixel.
 
         The crop window comes first, so that its rays are those of ``mi.render``.
@@ -205,14 +210,14 @@ class _HiddenSurfaceStage:
         if beyond.any():
             parts.append((column[beyond], row[beyond]))
         pixels = sum(len(column) for column, _ in parts)
-        columns = _empty_columns(pixels * self.spp)
+        # Room for the hidden ones, too: memory that is not written to costs nothing.
+        kept = _Columns(pixels * self.spp * min(self.sampling.layers, 2))
         per_pass = max(1, WAVEFRONT // self.spp)
         passes = [
             (column[first : first + per_pass], row[first : first + per_pass])
             for column, row in parts
             for first in range(0, len(column), per_pass)
         ]
-        start = 0
         for column, row in track(passes, "Sampling"):
             count = len(column) * self.spp
             self._seed(count)
@@ -224,11 +229,8 @@ class _HiddenSurfaceStage:
             position = corner + self.sampler.next_2d()
             traced = self._trace(position)
             traced["x"], traced["y"] = _within(position.x, corner.x), _within(position.y, corner.y)
-            for name, values in _to_host(traced).items():
-                columns[name][start : start + count] = values
-            start += count
-        columns["weight"] = np.full(start, 1 / self.spp, dtype=np.float32)
-        return columns
+            kept.add(_to_host(traced), weight=1 / self.spp, layer=0)
+        return kept
 
     def _uniform(self) -> dict[str, Any]:
         """The paper's grid of corners, middles of edges and centres of the pixels."""
@@ -414,45 +416,46 @@ class _HiddenSurfaceStage:
         depth = (self.sensor.world_transform().inverse() @ hit.p).z
         return dr.select(hit.is_valid(), depth, dr.inf)
 
-    def _with_hidden(self, columns: dict[str, Any]) -> dict[str, Any]:
-        """The columns, and after them those of the surfaces behind, layer by layer."""
-        group = 1 if "lattice" in columns else self.spp  # samples that the sampler keeps together
-        chosen = self._may_hide(columns)
-        layers = [{name: columns[name] for name in columns if name != "lattice"}]
+    def _add_hidden(self, kept: _Columns, group: int) -> None:
+        """Add the surfaces behind, layer by layer.
+
+        ``group`` samples after each other are in one pixel, where the sampler keeps them together.
+        """
+        first = kept.columns()
+        chosen = self._may_hide(first, group)
         for layer in range(1, self.sampling.layers):
             chosen = np.flatnonzero(chosen)
             if len(chosen) == 0:
                 break
-            behind = self._behind(columns["x"][chosen], columns["y"][chosen], layer, group)
+            behind = self._behind(first["x"][chosen], first["y"][chosen], layer, group)
+            behind["weight"] = first["weight"][chosen]
             seen = behind["z"] > 0
-            behind["weight"] = columns["weight"][chosen]
-            behind["layer"] = np.full(len(chosen), layer, dtype=np.uint8)
-            layers.append({name: values[seen] for name, values in behind.items()})
-            goes_on = np.zeros(len(columns["x"]), dtype=bool)
+            kept.add({name: values[seen] for name, values in behind.items()}, layer=layer)
+            goes_on = np.zeros(len(first["x"]), dtype=bool)
             goes_on[chosen] = seen & np.isfinite(behind["z"])
             chosen = np.repeat(goes_on.reshape(-1, group).any(axis=1), group)
-        return {
-            **columns,
-            **{name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]},
-        }
 
-    def _may_hide(self, columns: dict[str, Any]) -> np.ndarray:
-        """Which samples, bool (N,), may have something behind them that the lens sees."""
-        count = len(columns["x"])
-        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(columns["z"].min()))
+    def _may_hide(self, columns: dict[str, Any], group: int) -> np.ndarray:
+        """Which samples, bool (N,), may have something behind them that the lens sees.
+
+        ``group`` samples after each other are in one pixel.
+        """
+        z = columns["z"].reshape(-1, group)
+        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(z.min()))
         if self.sampling.layers == 1 or scale == 0:
-            return np.zeros(count, dtype=bool)
+            return np.zeros(z.size, dtype=bool)
         left, top, width, height = self.window
-        column = np.clip(np.floor(columns["x"]).astype(np.int64) - left, 0, width - 1)
-        row = np.clip(np.floor(columns["y"]).astype(np.int64) - top, 0, height - 1)
+        column = np.clip(np.floor(columns["x"][::group]).astype(np.int64) - left, 0, width - 1)
+        row = np.clip(np.floor(columns["y"][::group]).astype(np.int64) - top, 0, height - 1)
         pixel = row * width + column
         nearest = np.full(width * height, np.inf, dtype=np.float32)
         farthest = np.zeros(width * height, dtype=np.float32)
-        np.minimum.at(nearest, pixel, columns["z"])
-        np.maximum.at(farthest, pixel, columns["z"])
+        np.minimum.at(nearest, pixel, z.min(axis=1))
+        np.maximum.at(farthest, pixel, z.max(axis=1))
         farthest[farthest == 0] = np.inf
         shape = (height, width)
-        return disoccluded(nearest.reshape(shape), farthest.reshape(shape), scale).ravel()[pixel]
+        chosen = disoccluded(nearest.reshape(shape), farthest.reshape(shape), scale)
+        return np.repeat(chosen.ravel()[pixel], group)
 
     def _behind(
         self, x: np.ndarray, y: np.ndarray, layer: int, group: int
@@ -565,6 +568,32 @@ def _to_rgb(radiance: mi.Spectrum, wavelengths: mi.Spectrum) -> mi.Color3f:
     return mi.Color3f(radiance.x) if mi.is_monochromatic else radiance
 
 
+class _Columns:
+    """Samples as they come in, in memory that is taken at once and used as it is filled."""
+
+    def __init__(self, capacity: int) -> None:
+        self.count = 0
+        self.arrays = _empty_columns(capacity)
+        self.arrays["weight"] = np.empty(capacity, dtype=np.float32)
+        self.arrays["layer"] = np.empty(capacity, dtype=np.uint8)
+
+    def add(self, columns: dict[str, np.ndarray], **same: float) -> None:
+        """Samples after those that there are; in ``same`` is what they have in common."""
+        end = self.count + len(columns["x"])
+        if end > len(self.arrays["x"]):
+            more = 2 * end - self.count
+            for name, array in self.arrays.items():
+                self.arrays[name] = np.empty((more, *array.shape[1:]), dtype=array.dtype)
+                self.arrays[name][: self.count] = array[: self.count]
+        for name, values in (columns | same).items():
+            self.arrays[name][self.count : end] = values
+        self.count = end
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The samples so far."""
+        return {name: array[: self.count] for name, array in self.arrays.items()}
+
+
 def _empty_columns(count: int) -> dict[str, np.ndarray]:
     columns = {name: np.empty(count, dtype=np.float32) for name in ("x", "y", "alpha", "z")}
     columns["rgb"] = np.empty((count, 3), dtype=np.float32)
@@ -573,7 +602,14 @@ def _empty_columns(count: int) -> dict[str, np.ndarray]:
 
 
 def _to_host(columns: dict[str, Any]) -> dict[str, np.ndarray]:
-    """All columns as NumPy arrays, by one kernel: each asked for alone would trace again."""
-    dr.eval(columns)
-    arrays = {name: np.array(values) for name, values in columns.items()}
-    return {name: array.T if array.ndim == 2 else array for name, array in arrays.items()}
+    """All columns as NumPy arrays, by one kernel: each asked for alone would trace again.
+
+    On the CPU they are Dr.Jit's own memory, not copies of it.
+    """
+    interleaved = {name: dr.ravel(values) for name, values in columns.items()}
+    dr.eval(interleaved)
+    count = dr.width(interleaved["z"])
+    return {
+        name: np.asarray(values).reshape(count, -1) if name == "rgb" else np.asarray(values)
+        for name, values in interleaved.items()
+    }

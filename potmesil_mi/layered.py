@@ -550,10 +550,10 @@ class _Buffer:
 
     def images(self) -> np.ndarray:
         """The pictures, float32 (count, H, W, C)."""
-        images = np.array(self.colours).reshape(*self.shape, 4)
+        images = np.asarray(self.colours).reshape(*self.shape, 4)
         if self.alpha is None:
             return images
-        alpha = np.array(self.alpha).reshape(*self.shape, 1)
+        alpha = np.asarray(self.alpha).reshape(*self.shape, 1)
         return np.concatenate([images, alpha], axis=-1)
 
 
