@@ -8,6 +8,7 @@ two depths, which are spread by nearly the same circle, follow each other in mem
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import drjit as dr
 import mitsuba as mi
@@ -152,24 +153,54 @@ class Elements:
 
         The light of ``factor``² squares is that of one; its density stays the same.
         """
+        columns, rows = self.x // factor, self.y // factor
+        return self._gathered(factor, np.arange(len(self)), columns, rows, np.ones(len(self)))
+
+    def coarser_linearly(self, factor: int) -> Elements:
+        """The same, but each is shared by the four squares around it: so it stays in its place."""
+        place = [(at + 0.5) / factor - 0.5 for at in (self.x, self.y)]
+        first = [np.floor(at) for at in place]
+        beyond = [at - before for at, before in zip(place, first, strict=True)]
+        parts = []
+        last = [-(-size // factor) - 1 for size in (self.width, self.height)]
+        for dx, dy in itertools.product((0, 1), (0, 1)):
+            column, row = (
+                np.clip(before + step, 0, end).astype(np.int64)
+                for before, step, end in zip(first, (dx, dy), last, strict=True)
+            )
+            share = np.abs(1 - dx - beyond[0]) * np.abs(1 - dy - beyond[1])
+            parts.append((np.arange(len(self)), column, row, share))
+        return self._gathered(factor, *map(np.concatenate, zip(*parts, strict=True)))[0]
+
+    def _gathered(
+        self,
+        factor: int,
+        source: np.ndarray,
+        column: np.ndarray,
+        row: np.ndarray,
+        share: np.ndarray,
+    ) -> tuple[Elements, np.ndarray]:
+        """Shares of the elements ``source`` gathered by squares and bins that are so much larger.
+
+        Returns them, and which share became part of which.
+        """
         width, height = -(-self.width // factor), -(-self.height // factor)
-        bins = self.bin.astype(np.int64) // factor
-        key = (bins * height + self.y // factor) * width + self.x // factor
-        keys, index = np.unique(key, return_inverse=True)
-        weight = self.values[:, SHARE].astype(np.float64)
-
-        def mean(column: np.ndarray) -> np.ndarray:
-            return np.bincount(index, weight * column, len(keys)) / total
-
+        bins = self.bin.astype(np.int64)[source] // factor
+        keys, index = np.unique((bins * height + row) * width + column, return_inverse=True)
+        weight = share * self.values[source, SHARE]
         total = np.bincount(index, weight, len(keys))
-        values = [np.bincount(index, column, len(keys)) for column in self.values.T]
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            return np.bincount(index, weight * values[source], len(keys)) / total
+
+        light = [np.bincount(index, share * values[source], len(keys)) for values in self.values.T]
         coarse = _ordered(
             width,
             height,
             keys % width,
             keys // width % height,
             mean(self.vergence),
-            np.stack(values, axis=1) / factor**2,
+            np.stack(light, axis=1) / factor**2,
             mean(self.front),
             self.least,
             self.step * factor,

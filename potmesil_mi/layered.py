@@ -62,8 +62,8 @@ the squares of the radii that have a table are a factor of 2 apart."""
 LEAST_SEEN = 8
 """What the innermost point of the lens sees at least, of 255, of what the pinhole sees."""
 
-LEAST_CELL = 0.4
-"""Cells of the lens whose light is spread over a circle of less, in squares, are points."""
+SQUARE, LINEAR = 1 / 12, 1 / 6
+"""Variance along an axis of a square, and of what is shared linearly by the squares around it."""
 
 MIDDLE = (0.5, 0.5)
 
@@ -153,7 +153,7 @@ class Layers:
 
     def coarser(self, factor: int) -> Layers:
         """The same on squares, and in bins of depth, ``factor`` times as large."""
-        whole, _ = self.whole.coarser(factor)
+        whole = self.whole.coarser_linearly(factor)
         return Layers(whole, self.partial.coarser(factor), self.bright, factor)
 
     @property
@@ -282,13 +282,9 @@ def through_lens(
     # In the column of shares what is covered adds up.
     total = np.zeros((crop[3], crop[2], channels), dtype=np.float32)
     arrived = np.zeros((crop[3], crop[2]), dtype=np.float32)
-    for least, most, factor in track(list(_groups(layers, lens, scale, finest)), "Focusing"):
-        group = _Group(
-            layers_at(factor), lens, psf, squares_per_mm, scale, finest, least, most, factor
-        )
-        if group.is_empty():
-            continue
-        image, rows, columns = _cropped(*group.spread(channels), factor, crop)
+    for band in track(list(_bands(layers, lens, scale, finest)), "Focusing"):
+        group = _Group(layers_at(band.factor), band, lens, psf, squares_per_mm, scale)
+        image, rows, columns = _cropped(*group.spread(channels), band.factor, crop)
         if image.size == 0:
             continue
         nearer = total[rows, columns]
@@ -304,22 +300,56 @@ def through_lens(
     return picture / np.where(lit, covered, np.inf)[..., None], np.where(lit, arrived, 0)
 
 
-def _groups(
-    layers: Layers, lens: ThinLens, scale: float, finest: float
-) -> Iterator[tuple[float, float, int]]:
-    """Signed radii between which circles are a group, and the factor of its squares."""
-    ends = np.concatenate(
-        [
-            scale * (elements.vergence[[0, -1]] - 1 / lens.focus_distance)
-            for elements in layers.elements
-            if len(elements)
-        ]
-    )
+@dataclasses.dataclass(frozen=True)
+class _Band:
+    """Elements of similar circles: of the bins from ``first`` on that come before ``end``.
+
+    ``inner`` and ``outer`` are radii, in squares, between which theirs are; ``inner`` is 0 where
+    they are of both signs. They are spread on squares ``factor`` times as large.
+    """
+
+    first: int
+    end: int
+    inner: float
+    outer: float
+    sign: float
+    factor: int
+
+
+def _bands(layers: Layers, lens: ThinLens, scale: float, finest: float) -> Iterator[_Band]:
+    """The bands that have elements, from the nearest."""
+    focused = 1 / float(lens.focus_distance)
+    some = layers.bright.elements
+
+    def bin_at(edge: float) -> int:
+        """The first bin beyond a signed radius, whole also in the coarser bins on either side."""
+        if scale == 0:
+            return 0 if edge < 0 else MOST_BINS + 1
+        coarsest = _factor(abs(edge), finest)
+        bin_ = (edge / scale + focused - some.least) / some.step
+        return min(max(round(bin_ / coarsest), 0) * coarsest, MOST_BINS + 1)
+
     edges = [*-GROUPS[::-1], *GROUPS]
     for least, most in zip(edges[-2::-1], edges[:0:-1], strict=True):
-        if most >= ends.min() - 1 and least <= ends.max() + 1:
-            smallest = 1.0 if least < 0 < most else min(abs(least), abs(most))
-            yield least, most, _factor(smallest, finest)
+        bins: list[int] = []
+        radii: list[float] = []
+        for elements in layers.elements:
+            part = elements.between(bin_at(least), bin_at(most))
+            if part.start < part.stop:
+                ends = [part.start, part.stop - 1]
+                bins.extend(elements.bin[ends])
+                radii.extend(scale * (elements.vergence[ends] - focused))
+        if not bins:
+            continue
+        first, end = int(min(bins)), int(max(bins)) + 1
+        if least < 0 < most:
+            yield _Band(first, end, 0.0, most, 1.0, 1)
+            continue
+        # To whole octaves, for which there are tables.
+        inner, outer = sorted((abs(least), abs(most)))
+        octaves = np.floor(np.log2(np.clip(np.abs(radii), inner, outer * 0.999) / inner))
+        inner, outer = inner * 2 ** octaves.min(), inner * 2 ** (octaves.max() + 1)
+        yield _Band(first, end, inner, outer, math.copysign(1, most), _factor(inner, finest))
 
 
 def _factor(radius: float, finest: float) -> int:
@@ -333,45 +363,31 @@ class _Group:
     def __init__(
         self,
         layers: Layers,
+        band: _Band,
         lens: ThinLens,
         psf: PointSpreadFunction,
         squares_per_mm: float,
         scale: float,
-        finest: float,
-        least: float,
-        most: float,
-        factor: int,
     ) -> None:
-        self.layers, self.lens, self.psf, self.finest = layers, lens, psf, finest
-        self.squares_per_mm, self.scale = squares_per_mm / factor, scale / factor
+        self.layers, self.lens, self.psf, self.sign = layers, lens, psf, band.sign
+        self.squares_per_mm, self.scale = squares_per_mm / band.factor, scale / band.factor
         self.focused = 1 / float(lens.focus_distance)
-        ends = [self._bin_at(edge, layers.bright.elements, scale) for edge in (least, most)]
-        self.parts = [
-            elements.between(*(end // size for end in ends))
-            for elements, size in zip(layers.elements, (factor, factor, 1), strict=True)
-        ]
+        self.factor = band.factor
+        # What interpolation between coarser squares adds, less what their size leaves out.
+        steps = 0.25 ** np.arange(round(math.log2(band.factor)))
+        self.smeared = 3 / 16 * steps.sum() - SQUARE / band.factor**2 + (band.factor == 1) * SQUARE
         # How many squares of the elements' own make one of the group's.
         self.sizes = (1, 1, layers.factor)
-        self.sign = math.copysign(1, most + least)
-        inner, outer = (0.0, most) if least < 0 < most else sorted([abs(least), abs(most)])
-        self.inner, self.outer = inner / factor, outer / factor
+        self.parts = [
+            elements.between(band.first // own, (band.end - 1) // own + 1)
+            for elements, own in zip(layers.elements, (band.factor, band.factor, 1), strict=True)
+        ]
+        self.inner, self.outer = band.inner / band.factor, band.outer / band.factor
         self.knots, self.octaves = [0.0, self.outer], [0.0]
-        if inner > 0:
-            count = round(math.log2(outer / inner))
+        if self.inner > 0:
+            count = round(math.log2(self.outer / self.inner))
             self.octaves = [self.inner * 2**i for i in range(count)]
             self.knots = [self.inner * 2 ** (i / 2) for i in range(2 * count + 1)]
-
-    def _bin_at(self, edge: float, elements: Elements, scale: float) -> int:
-        """The first bin beyond a signed radius, whole also in the coarser bins on either side."""
-        if scale == 0:
-            return 0 if edge < 0 else MOST_BINS + 1
-        coarsest = _factor(abs(edge), self.finest)
-        bin_ = (edge / scale + self.focused - elements.least) / elements.step
-        return min(max(round(bin_ / coarsest), 0) * coarsest, MOST_BINS + 1)
-
-    def is_empty(self) -> bool:
-        """Whether there is nothing in it."""
-        return all(part.start == part.stop for part in self.parts)
 
     def spread(self, channels: int) -> tuple[np.ndarray, int, int]:
         """Light over the squares around its elements, float32 (H, W, C), and its left and top."""
@@ -457,12 +473,19 @@ class _Group:
         element += dr.opaque(mi.UInt32, part.start)
         lane += dr.opaque(mi.UInt32, part.start * count)
         seen = mi.Float(dr.gather(mi.UInt8, columns["seen"], lane))
+        # Single bright elements show gaps between points; of the others edges do.
+        cell = (2 if partial.turned else 1) / math.sqrt(count)
         radius = self._radius(columns, element)
+        if partial.turned and self.factor > 1:
+            # Whole discs they make: of the right size with what coarse squares and cells add.
+            added = dr.opaque(mi.Float, 4 * (LINEAR + self.smeared))
+            square = dr.fma(dr.square(radius), dr.opaque(mi.Float, 1 - cell**2), -added)
+            radius = dr.copysign(dr.sqrt(dr.maximum(square, 0)), radius)
         u, v = (dr.gather(mi.Float, columns[name], point) for name in "uv")
         if partial.turned:
             u, v = columns["turns"].points(u, v, point, element)
         # Of the middle of the element's square, in squares; there it is the middle again.
-        own = dr.rcp(dr.opaque(mi.Float, size))
+        own = dr.opaque(mi.Float, 1 / size)
         x, y = (
             dr.fma(mi.Float(dr.gather(mi.Int32, columns[name], element)) + 0.5, own, -0.5)
             - dr.opaque(mi.Float, first)
@@ -483,14 +506,7 @@ class _Group:
                 buffer.add(columns, element, beside, share_x * share_y * seen, seen > 0)
         for edge, image in zip(self.octaves, buffer.images(), strict=True):
             if image.any():
-                # Single bright elements show gaps between points; of the others edges do.
-                cell = edge * (2 if partial.turned else 1) / math.sqrt(count)
-                yield (
-                    image,
-                    np.ones((1, 1))
-                    if cell < LEAST_CELL
-                    else without_square(functools.partial(_scaled_disc, cell)),
-                )
+                yield image, without(0, functools.partial(_scaled_disc, cell * edge))
 
     def _radius(self, columns: dict[str, Any], element: mi.UInt32) -> mi.Float:
         """Signed radius of the circles of confusion in squares."""
@@ -513,14 +529,15 @@ class _Group:
         if vergence < 0:  # No point is there: take one as far in front of what is focused.
             vergence = self.focused + radius / self.scale
         depth = 1 / vergence if vergence > 0 else math.inf
-        return without_square(
+        return without(
+            self.smeared + (LINEAR if self.factor > 1 else 0),
             lambda finer: self.psf.table(
                 self.lens,
                 depth,
                 self.squares_per_mm * finer,
                 MIDDLE,
                 (round(self.width * finer / 2), round(self.height * finer / 2)),
-            )
+            ),
         )
 
 
@@ -561,22 +578,22 @@ def _scaled_disc(radius: float, finer: float) -> np.ndarray:
     return disc_table(radius * finer)
 
 
-def without_square(table: Callable[[float], np.ndarray]) -> np.ndarray:
+def without(smeared: float, table: Callable[[float], np.ndarray]) -> np.ndarray:
     """A table that spreads squares as the point-spread function spreads points.
 
-    ``table(s)`` gives the integrals over squares, for a distribution s times as large. They
-    smear it by a square (variance 1/12 along each axis), as gathering samples by square has
-    done already. So the distribution is made smaller by as much.
+    ``table(s)`` gives the integrals over squares, for a distribution s times as large: they
+    smear it by a square, as gathering samples by square has done already. So, and for what
+    else has ``smeared`` it, a variance along an axis, the distribution is made smaller.
     """
     kernel = table(1.0)
     # Of a few squares a table does not tell the variance: ask for it on squares a 16th as large.
     small = max(kernel.shape) <= 11
-    variance = _variance(table(16.0)) / 256 if small else _variance(kernel) - 1 / 12
-    if variance < 1 / 3:
-        side = variance / 2
-        row = np.array([side, 1 - variance, side])
-        return np.outer(row, row)
-    return table(math.sqrt(1 - 1 / (12 * (variance + 1 / 12))))
+    variance = _variance(table(16.0)) / 256 if small else _variance(kernel) - SQUARE
+    left = max(variance - smeared, 0)
+    if left < 1 / 3:
+        row = np.array([left / 2, 1 - left, left / 2])
+        return np.outer(row, row) if left > 0 else np.ones((1, 1))
+    return table(math.sqrt((left - SQUARE) / variance))
 
 
 def _variance(table: np.ndarray) -> float:

@@ -7,7 +7,10 @@ is what the point sees of those behind. None of it depends on where the lens is 
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -18,6 +21,10 @@ from .elements import BIN, MOST_BINS, SHARE, Elements
 
 TOLERANCE = 2
 """Bins within which elements do not cover each other: those of one slanted surface."""
+
+CONNECTED = 0.5
+"""Elements in squares side by side are of one surface where their parallaxes differ by no more, in
+squares: where a lens point sees them apart, there is no gap between them."""
 
 MOST_STEPS = 128
 """Most steps in which elements cover others, each of as many bins as it takes."""
@@ -45,27 +52,27 @@ def visibility(
 
     Returns the elements, bool (N,), of which some point may not see all; and of these, in their
     order, what each point sees, uint8 (n, M), from none to 255. What is less than
-    ``TOLERANCE`` bins behind the first surface of its square is seen from nowhere.
+    a step and ``TOLERANCE`` bins behind the first surface of its square is seen from nowhere.
     """
     coverable = _has_beside(elements, np.ones(len(elements), dtype=bool), scale)
     coverable |= elements.front > 0
     covering = _has_beside(elements, coverable, -scale)
     ends = elements.vergence.min(), elements.vergence.max()
     middle = (ends[0] + ends[1]) / 2
-    margin = math.ceil(scale * (ends[1] - ends[0]) / 2) + 2
+    margin = math.ceil(scale * (ends[1] - ends[0]) / 2) + 3
     width, height = elements.width + 2 * margin, elements.height + 2 * margin
     at_once = max(1, MEMORY // (width * height))
-    covers = _coverage(elements)
+    covers = _Covers.of(elements, scale).chosen(covering)
     behind, before = (
-        _Shifted(elements.chosen(mask), covers[mask], margin, middle, scale)
-        for mask in (coverable, covering)
+        _Shifted(elements.chosen(mask), margin, middle, scale) for mask in (coverable, covering)
     )
     result = np.empty((behind.count, len(points)), dtype=np.uint8)
     for first in range(0, len(points), at_once):
         part = points[first : first + at_once].astype(np.float32)
-        result[:, first : first + at_once] = _seen_from(part, behind, before, width, height)
+        result[:, first : first + at_once] = _seen_from(part, behind, before, covers, width, height)
     front = elements.front[coverable]
-    result[(front > 0) & (front < TOLERANCE * elements.step)] = 0
+    least = _bins_of_a_step(behind) + TOLERANCE
+    result[(front > 0) & (front < least * elements.step)] = 0
     return coverable, result
 
 
@@ -180,27 +187,73 @@ def _has_beside(elements: Elements, others: np.ndarray, scale: float) -> np.ndar
     return result
 
 
+@dataclasses.dataclass(frozen=True)
+class _Covers:
+    """How much elements cover, and how far they reach to the right and downwards.
+
+    An element ends where the next of its surface begins. So no gaps open where a lens point sees
+    a slanted surface stretched. Where chance has put no sample in a square, those beside it reach
+    over it. ``right`` and ``below`` are parallaxes, in squares, at the end of the element from
+    that at its beginning, ``wide`` and ``high`` its size in squares, 1 or 2.
+    """
+
+    share: np.ndarray
+    right: np.ndarray
+    below: np.ndarray
+    wide: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, elements: Elements, scale: float) -> _Covers:
+        """Those of all elements; ``scale`` is the parallax in squares per unit of vergence."""
+        height, width = elements.height, elements.width
+        place = elements.y.astype(np.int64) * (width + 1) + elements.x
+        parallax = elements.vergence * np.float32(scale)
+        # A row and a column more: what is beyond the window is not connected, nor empty.
+        shape = (height + 1) * (width + 1)
+        nearest = np.full(shape, -np.inf, dtype=np.float32)
+        farthest = np.full(shape, np.inf, dtype=np.float32)
+        np.maximum.at(nearest, place, parallax)
+        np.minimum.at(farthest, place, parallax)
+        empty = np.isinf(nearest)
+        empty.reshape(height + 1, width + 1)[:, -1] = False
+        empty.reshape(height + 1, width + 1)[-1] = False
+        ends, sizes = [], []
+        for beside in (place + 1, place + width + 1):
+            apart = [by_square[beside] - parallax for by_square in (nearest, farthest)]
+            apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
+            ends.append(np.where(np.abs(apart) <= CONNECTED, apart, np.float32(0)))
+            sizes.append(empty[beside].astype(np.float32) + 1)
+        return cls(_coverage(elements), *ends, *sizes)
+
+    def chosen(self, mask: np.ndarray) -> _Covers:
+        """Those that ``mask``, bool (N,), has."""
+        return _Covers(*(getattr(self, field.name)[mask] for field in dataclasses.fields(self)))
+
+    @functools.cached_property
+    def on_device(self) -> dict[str, mi.Float]:
+        """The columns as Dr.Jit arrays."""
+        return {
+            field.name: mi.Float(getattr(self, field.name)) for field in dataclasses.fields(self)
+        }
+
+
 class _Shifted:
     """Elements as lens points see them, on a grid with a margin around the window."""
 
-    def __init__(
-        self, elements: Elements, covers: np.ndarray, margin: int, middle: float, scale: float
-    ) -> None:
+    def __init__(self, elements: Elements, margin: int, middle: float, scale: float) -> None:
         self.count = len(elements)
         self.bin = elements.bin
         self.x = mi.Float(elements.x + np.float32(margin + 0.5))
         self.y = mi.Float(elements.y + np.float32(margin + 0.5))
         self.parallax = mi.Float((elements.vergence - middle) * np.float32(scale))
-        self.covers = mi.Float(covers)
 
     def part(self, bins: range) -> tuple[int, int]:
         """First and last but one of the elements in some bins."""
         start, stop = np.searchsorted(self.bin, [bins.start, bins.stop])
         return int(start), int(stop)
 
-    def places(
-        self, part: tuple[int, int], points: tuple[mi.Float, mi.Float], width: int, size: int
-    ) -> tuple[mi.UInt32, mi.UInt32]:
+    def seen(self, part: tuple[int, int], points: tuple[mi.Float, mi.Float]) -> _Seen:
         """Each element of a part, as many times as there are points; and where each sees it."""
         count = dr.opaque(mi.UInt32, len(points[0]))
         lane = dr.arange(mi.UInt32, (part[1] - part[0]) * len(points[0]))
@@ -208,18 +261,60 @@ class _Shifted:
         point = lane - element * count
         element += dr.opaque(mi.UInt32, part[0])
         parallax = dr.gather(mi.Float, self.parallax, element)
-        column, row = (
-            mi.UInt32(
-                dr.fma(parallax, dr.gather(mi.Float, u, point), dr.gather(mi.Float, x, element))
-            )
-            for u, x in zip(points, (self.x, self.y), strict=True)
-        )
-        place = point * dr.opaque(mi.UInt32, size) + row * dr.opaque(mi.UInt32, width) + column
-        return element, place
+        u, v = (dr.gather(mi.Float, column, point) for column in points)
+        x = dr.fma(parallax, u, dr.gather(mi.Float, self.x, element))
+        y = dr.fma(parallax, v, dr.gather(mi.Float, self.y, element))
+        return _Seen(element, point, u, v, x, y)
+
+
+class _Seen(NamedTuple):
+    """Elements, points of the lens (u, v), and where in the grid these see those."""
+
+    element: mi.UInt32
+    point: mi.UInt32
+    u: mi.Float
+    v: mi.Float
+    x: mi.Float
+    y: mi.Float
+
+    def place(self, width: int, size: int) -> mi.UInt32:
+        """The place in one picture of ``size`` squares for each point."""
+        row = mi.UInt32(self.y) * dr.opaque(mi.UInt32, width) + mi.UInt32(self.x)
+        return self.point * dr.opaque(mi.UInt32, size) + row
+
+
+def _cover(covered: mi.Float, seen: _Seen, covers: _Covers, width: int, size: int) -> None:
+    """Add to ``covered`` what elements cover of the squares in which points see them."""
+    columns = {
+        name: dr.gather(mi.Float, values, seen.element) for name, values in covers.on_device.items()
+    }
+    place = seen.place(width, size)
+    end = dr.floor(seen.x + dr.fma(columns["right"], seen.u, columns["wide"]))
+    right = end - dr.floor(seen.x) > 1
+    end = dr.floor(seen.y + dr.fma(columns["below"], seen.v, columns["high"]))
+    below = end - dr.floor(seen.y) > 1
+    down = dr.opaque(mi.UInt32, width)
+    for target, active in (
+        (place, mi.Bool(True)),
+        (place + 1, right),
+        (place + down, below),
+        (place + down + 1, right & below),
+    ):
+        dr.scatter_add(covered, columns["share"], target, active, mode=dr.ReduceMode.Direct)
+
+
+def _bins_of_a_step(behind: _Shifted) -> int:
+    """How many bins are looked at together, so that there are no more than ``MOST_STEPS`` steps."""
+    return max(1, -(-int(behind.bin.max(initial=0)) // MOST_STEPS))
 
 
 def _seen_from(
-    points: np.ndarray, behind: _Shifted, before: _Shifted, width: int, height: int
+    points: np.ndarray,
+    behind: _Shifted,
+    before: _Shifted,
+    covers: _Covers,
+    width: int,
+    height: int,
 ) -> np.ndarray:
     """What each point sees of each element of ``behind``, uint8 (N, M)."""
     count, size = len(points), width * height
@@ -231,18 +326,16 @@ def _seen_from(
     seen = dr.zeros(mi.UInt8, behind.count * count)
     if behind.count == 0:
         return np.array(seen).reshape(0, count)
-    last, width_of_step = int(behind.bin[-1]), -(-int(behind.bin[-1]) // MOST_STEPS) or 1
+    last, width_of_step = int(behind.bin[-1]), _bins_of_a_step(behind)
     added = MOST_BINS + 1
     for bin_ in range(last - last % width_of_step, -1, -width_of_step):
         nearer = before.part(range(bin_ + width_of_step - 1 + TOLERANCE, added))
         added = bin_ + width_of_step - 1 + TOLERANCE
         if nearer[0] < nearer[1]:
-            element, place = before.places(nearer, on_device, width, size)
-            share = dr.gather(mi.Float, before.covers, element)
-            dr.scatter_add(covered, share, place, mode=dr.ReduceMode.Direct)
+            _cover(covered, before.seen(nearer, on_device), covers, width, size)
         here = behind.part(range(bin_, bin_ + width_of_step))
         if here[0] < here[1]:
-            _, place = behind.places(here, on_device, width, size)
+            place = behind.seen(here, on_device).place(width, size)
             free = 1 - dr.minimum(dr.gather(mi.Float, covered, place), 1)
             lane = dr.arange(mi.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, _as_byte(free), lane + dr.opaque(mi.UInt32, here[0] * count))

@@ -100,6 +100,24 @@ def test_a_uniform_picture_stays_uniform_whatever_the_depths(method, f_number):
     np.testing.assert_allclose(picture(samples, lens=lens, method=method), 0.7, atol=1e-4)
 
 
+@pytest.mark.parametrize("depth", [NEAR, 8.0])
+@pytest.mark.parametrize("at", [(120, 120), (123, 121), (126, 127)])
+def test_a_disc_of_a_dim_point_is_where_the_point_is_however_coarse_its_squares(depth, at):
+    size, radius = (240, 240), 64.0
+
+    def lit(x, y):
+        point = (np.floor(x) == at[0]) & (np.floor(y) == at[1])
+        return (1 + 5 * point)[:, None] * np.ones(3)
+
+    samples = planes((everywhere, depth, lit), size=size, per_pixel=1)
+    samples = with_parallax(samples, radius / abs(1 / depth - 1 / 2))
+    disc = picture(samples)[..., 1] - 1
+    inner = np.hypot(*(np.indices(disc.shape) - np.array(at[::-1])[:, None, None])) < radius + 12
+    y, x = (np.average(axis[inner], weights=disc[inner]) for axis in np.indices(disc.shape))
+    np.testing.assert_allclose([x, y], at, atol=0.3)
+    assert disc[inner].sum() == pytest.approx(5, rel=0.02)
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("depth", [NEAR, 8.0])
 @pytest.mark.parametrize(

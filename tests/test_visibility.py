@@ -1,3 +1,5 @@
+import math
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -104,6 +106,71 @@ def test_behind_a_half_plane_points_see_what_geometry_lets_them(half_plane, para
     assert abs(shift) < 0.2
     # What is too far from the edge to be covered is not asked for.
     assert not coverable[(elements.vergence < 0.5) & (elements.x > EDGE + 1.5 * parallax + 4)].any()
+
+
+def slanted(stretch, direction, per_side, seed=0):
+    """A slanted plane before a far one, ``per_side``² samples a pixel, and its parallax scale.
+
+    Along ``direction`` its parallax grows by ``stretch`` pixels a pixel.
+    """
+    rng = np.random.default_rng(seed)
+    width, height = SIZE
+    y, x = np.mgrid[: height * per_side, : width * per_side]
+    x, y = ((axis + rng.uniform(0, 1, axis.shape)).ravel() / per_side for axis in (x, y))
+    along = direction[0] * x + direction[1] * y
+    span = along.max() - along.min()
+    vergence = 0.25 + 0.75 * (along - along.min()) / span
+    count = len(x)
+    samples = synthetic(
+        2 * count,
+        size=SIZE,
+        x=np.tile(np.minimum(x, width - 1e-4), 2),
+        y=np.tile(np.minimum(y, height - 1e-4), 2),
+        z=np.concatenate([1 / vergence, np.full(count, 8.0)]),
+        weight=np.full(2 * count, per_side**-2.0),
+        layer=np.repeat([0, 1], count),
+    )
+    return samples, stretch * span / 0.75
+
+
+@pytest.mark.parametrize("direction", [(0, 1), (1, 0), (0.7, 0.7), (0.3, -0.95)])
+@pytest.mark.parametrize("stretch", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize(("per_side", "per_pixel"), [(4, 1), (4, 2), (2, 1)])
+def test_nothing_shines_through_a_slanted_plane(direction, stretch, per_side, per_pixel):
+    samples, scale = slanted(stretch, direction, per_side)
+    elements = Elements.of(samples, per_pixel, scale * per_pixel)
+    coverable, seen = visibility(elements, scale * per_pixel, lens_points(32))
+    behind = elements.chosen(coverable)
+    margin = per_pixel * min(math.ceil(scale), min(SIZE) // 2 - 2)
+    inside = behind.vergence < 0.13
+    inside &= (behind.x >= margin) & (behind.x < behind.width - margin)
+    inside &= (behind.y >= margin) & (behind.y < behind.height - margin)
+    assert inside.any()
+    assert seen[inside].mean() / 255 < 1e-3
+    assert seen[inside].mean(axis=1).max() / 255 < 0.05
+
+
+def test_where_chance_puts_no_sample_in_a_square_nothing_shines_through():
+    rng = np.random.default_rng(1)
+    count = 4 * SIZE[0] * SIZE[1]
+    samples = synthetic(
+        2 * count,
+        size=SIZE,
+        x=np.tile(rng.uniform(0, SIZE[0], count), 2),
+        y=np.tile(rng.uniform(0, SIZE[1], count), 2),
+        z=np.repeat([1.0, 8.0], count),
+        weight=np.full(2 * count, 0.25),
+        layer=np.repeat([0, 1], count),
+    )
+    scale = 6.0 * 8 / 7
+    elements = Elements.of(samples, 2, 2 * scale)
+    coverable, seen = visibility(elements, 2 * scale, lens_points(32))
+    behind = elements.chosen(coverable)
+    inside = (behind.vergence < 0.5) & (np.abs(behind.x - SIZE[0]) < SIZE[0] - 16)
+    inside &= np.abs(behind.y - SIZE[1]) < SIZE[1] - 16
+    # A third of the squares is empty; left is where several together are.
+    assert inside.any()
+    assert seen[inside].mean() / 255 < 0.05
 
 
 def test_nothing_hides_what_is_nearest(half_plane):
