@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -153,47 +154,49 @@ class Elements:
 
         The light of ``factor``² squares is that of one; its density stays the same.
         """
-        columns, rows = self.x // factor, self.y // factor
-        return self._gathered(factor, np.arange(len(self)), columns, rows, np.ones(len(self)))
+        return self._gathered(factor, self.x // factor, self.y // factor)
 
     def coarser_linearly(self, factor: int) -> Elements:
         """The same, but each is shared by the four squares around it: so it stays in its place."""
-        place = [(at + 0.5) / factor - 0.5 for at in (self.x, self.y)]
-        first = [np.floor(at) for at in place]
-        beyond = [at - before for at, before in zip(place, first, strict=True)]
-        parts = []
+        places = [(at + np.float32(0.5)) / factor - 0.5 for at in (self.x, self.y)]
         last = [-(-size // factor) - 1 for size in (self.width, self.height)]
-        for dx, dy in itertools.product((0, 1), (0, 1)):
-            column, row = (
-                np.clip(before + step, 0, end).astype(np.int64)
-                for before, step, end in zip(first, (dx, dy), last, strict=True)
+        parts = []
+        for corner in itertools.product((0, 1), (0, 1)):
+            squares = [np.floor(at) + step for at, step in zip(places, corner, strict=True)]
+            share = np.prod(
+                [1 - np.abs(at - square) for at, square in zip(places, squares, strict=True)],
+                axis=0,
             )
-            share = np.abs(1 - dx - beyond[0]) * np.abs(1 - dy - beyond[1])
-            parts.append((np.arange(len(self)), column, row, share))
-        return self._gathered(factor, *map(np.concatenate, zip(*parts, strict=True)))[0]
+            x, y = (
+                np.clip(square, 0, end).astype(np.int32)
+                for square, end in zip(squares, last, strict=True)
+            )
+            parts.append(self._gathered(factor, x, y, share)[0])
+        names = ("x", "y", "vergence", "values", "front", "bin")
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(p, name) for p in parts]) for name in names
+        }
+        together = dataclasses.replace(parts[0], **columns)
+        return together._gathered(1, together.x, together.y)[0]
 
     def _gathered(
-        self,
-        factor: int,
-        source: np.ndarray,
-        column: np.ndarray,
-        row: np.ndarray,
-        share: np.ndarray,
+        self, factor: int, x: np.ndarray, y: np.ndarray, share: np.ndarray | None = None
     ) -> tuple[Elements, np.ndarray]:
-        """Shares of the elements ``source`` gathered by squares and bins that are so much larger.
+        """Shares (all) of the elements gathered in squares (x, y), and bins, so much larger.
 
-        Returns them, and which share became part of which.
+        Returns what became of them, and which became which.
         """
         width, height = -(-self.width // factor), -(-self.height // factor)
-        bins = self.bin.astype(np.int64)[source] // factor
-        keys, index = np.unique((bins * height + row) * width + column, return_inverse=True)
-        weight = share * self.values[source, SHARE]
+        bins = self.bin.astype(np.int64) // factor
+        keys, index = np.unique((bins * height + y) * width + x, return_inverse=True)
+        values = self.values if share is None else self.values * share[:, None]
+        weight = values[:, SHARE].astype(np.float64)
         total = np.bincount(index, weight, len(keys))
 
-        def mean(values: np.ndarray) -> np.ndarray:
-            return np.bincount(index, weight * values[source], len(keys)) / total
+        def mean(column: np.ndarray) -> np.ndarray:
+            return np.bincount(index, weight * column, len(keys)) / total
 
-        light = [np.bincount(index, share * values[source], len(keys)) for values in self.values.T]
+        light = [np.bincount(index, column, len(keys)) for column in values.T]
         coarse = _ordered(
             width,
             height,
@@ -210,7 +213,8 @@ class Elements:
 
     def between(self, first: int, end: int) -> slice:
         """The elements of the bins from ``first`` on that come before bin ``end``."""
-        start, stop = np.searchsorted(self.bin, [first, end])
+        # Of the same type as the bins, or they would all be converted.
+        start, stop = np.searchsorted(self.bin, np.array([first, end], dtype=np.int32))
         return slice(int(start), int(stop))
 
     def chosen(self, mask: np.ndarray) -> Elements:

@@ -288,16 +288,19 @@ def through_lens(
         if image.size == 0:
             continue
         nearer = total[rows, columns]
+        np.maximum(image, 0, out=image)
         light, free = image[..., SHARE], 1 - nearer[..., SHARE]
+        arrived[rows, columns] += light
         admitted = np.zeros_like(free)
         np.divide(free, light, out=admitted, where=light > FAINTEST)
-        np.clip(admitted, 0, 1, out=admitted)
-        arrived[rows, columns] += np.maximum(light, 0)
-        nearer += np.maximum(image, 0) * admitted[..., None]
+        image *= np.clip(admitted, 0, 1, out=admitted)[..., None]
+        nearer += image
     covered = total[..., SHARE]
-    picture = np.concatenate([total[..., :SHARE], total[..., SHARE + 1 :]], axis=-1)
     lit = covered > FAINTEST
-    return picture / np.where(lit, covered, np.inf)[..., None], np.where(lit, arrived, 0)
+    arrived[~lit], covered[~lit] = 0, np.inf
+    picture = np.delete(total, SHARE, axis=-1)
+    picture /= covered[..., None]
+    return picture, arrived
 
 
 @dataclasses.dataclass(frozen=True)

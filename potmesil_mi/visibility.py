@@ -250,7 +250,7 @@ class _Shifted:
 
     def part(self, bins: range) -> tuple[int, int]:
         """First and last but one of the elements in some bins."""
-        start, stop = np.searchsorted(self.bin, [bins.start, bins.stop])
+        start, stop = np.searchsorted(self.bin, np.array([bins.start, bins.stop], np.int32))
         return int(start), int(stop)
 
     def seen(self, part: tuple[int, int], points: tuple[mi.Float, mi.Float]) -> _Seen:
