@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import platform
 import resource
@@ -58,22 +57,6 @@ def start(arguments: argparse.Namespace) -> None:
 def load_paper_scene(res: int, spp: int = 16) -> mi.Scene:
     """The paper's scene, Figure 11, ``res`` pixels each way."""
     return mi.load_file(str(SCENE), optimize=False, res=res, spp=spp)
-
-
-def psnr(picture: np.ndarray, reference: np.ndarray) -> float:
-    """Peak signal-to-noise ratio in dB of linear RGB clipped to [0, 1], the whole frame."""
-    return decibels(mean_square(picture, reference))
-
-
-def mean_square(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean squared difference of linear RGB clipped to [0, 1]."""
-    difference = np.clip(a, 0, 1).astype(np.float64) - np.clip(b, 0, 1)
-    return float(np.mean(np.square(difference)))
-
-
-def decibels(mean_squared_error: float) -> float:
-    """PSNR of a mean squared error on a scale of 0 to 1."""
-    return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
 
 
 def timed(action: Callable[[], Any]) -> tuple[np.ndarray, float]:

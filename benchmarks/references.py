@@ -20,10 +20,12 @@ import common
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from common import console, decibels, mean_square
+from common import console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import potmesil_mi as pm
+from potmesil_mi.compare import thinlens_sensor
+from potmesil_mi.metrics import decibels, mean_square
 
 FOLDER = common.OUTPUT / "thinlens_quality"
 FIRST_SEED = 1000
@@ -144,25 +146,10 @@ def thinlens(
     scene: mi.Scene, lens: pm.ThinLens, spp: int, seed: int, sampler: str = "orthogonal"
 ) -> Callable[[], mi.TensorXf]:
     """A function that renders with the built-in sensor at the place of the scene's."""
-    equivalent = thinlens_sensor(scene, lens, spp, sampler)
+    equivalent = thinlens_sensor(scene.sensors()[0], lens, sampler=sampler, spp=spp)
     spp = equivalent.sampler().sample_count()
     nested = scene.integrator().nested
     return lambda: mi.render(scene, sensor=equivalent, integrator=nested, spp=spp, seed=seed)
-
-
-def thinlens_sensor(scene: mi.Scene, lens: pm.ThinLens, spp: int, sampler: str) -> mi.Sensor:
-    """The built-in sensor at the place of the scene's; some samplers round ``spp`` up."""
-    sensor = scene.sensors()[0]
-    return mi.load_dict(
-        {
-            **lens.to_thinlens(),
-            "to_world": mi.ScalarTransform4f(np.array(sensor.camera().to_world)),
-            "near_clip": sensor.near_clip(),
-            "far_clip": sensor.far_clip(),
-            "film": sensor.film(),
-            "sampler": {"type": sampler, "sample_count": spp},
-        }
-    )
 
 
 # ---------------------------------------------------------------- lamps

@@ -17,10 +17,11 @@ import math
 import common
 import mitsuba as mi
 import numpy as np
-from common import console, first_and_steady, psnr, timed
+from common import console, first_and_steady, timed
 from references import make_references, thinlens
 
 import potmesil_mi as pm
+from potmesil_mi.metrics import psnr
 
 LEAST_FLOOR = 50.0
 GOALS = {"paper": 30.0, "paper, no 1/z²": 35.0}

@@ -22,11 +22,12 @@ from pathlib import Path
 import common
 import mitsuba as mi
 import numpy as np
-from common import console, psnr, timed
-from references import Encoding, Reference, make_references, thinlens, thinlens_sensor
+from common import console, timed
+from references import Encoding, Reference, make_references, thinlens
 
 import potmesil_mi as pm
 from potmesil_mi import metrics
+from potmesil_mi.compare import thinlens_sensor
 from potmesil_mi.focus import METHODS
 
 FOLDER = common.OUTPUT / "visibility_images"
@@ -249,7 +250,8 @@ def traced_rows(
 ) -> Iterator[Row]:
     """`thinlens` with each sampler, of which some take more samples than they are asked for."""
     for sampler in SAMPLERS:
-        count = thinlens_sensor(scene, lens, spp, sampler).sampler().sample_count()
+        equivalent = thinlens_sensor(scene.sensors()[0], lens, sampler=sampler, spp=spp)
+        count = equivalent.sampler().sample_count()
         render = thinlens(scene, lens, spp, 1, sampler)
         picture, first = timed(render)
         _, steady = timed(render)
@@ -340,7 +342,7 @@ def judged(row: Row, least: float, light: float = math.inf) -> Row:
 
 
 def compared(case: Case, picture: np.ndarray, reference: Reference) -> float:
-    return psnr(case.encoding(picture), case.encoding(reference.mean))
+    return metrics.psnr(case.encoding(picture), case.encoding(reference.mean))
 
 
 def timed_samples(
