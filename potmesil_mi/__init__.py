@@ -24,18 +24,31 @@ from .camera import Camera  # noqa: E402
 from .focus import focus  # noqa: E402
 from .hidden_surface import Sampling, render_samples  # noqa: E402
 from .lens import DepthOfField, ThinLens  # noqa: E402
-from .psf import Disc, PointSpreadFunction  # noqa: E402
+from .psf import (  # noqa: E402
+    Aperture,
+    Disc,
+    Image,
+    Lommel,
+    PointSpreadFunction,
+    Polygon,
+    aperture_of,
+)
 from .samples import PointSamples  # noqa: E402
 from .scene import potmesil_sensor  # noqa: E402
 
 __all__ = [
+    "Aperture",
     "Camera",
     "DepthOfField",
     "Disc",
+    "Image",
+    "Lommel",
     "PointSamples",
     "PointSpreadFunction",
+    "Polygon",
     "Sampling",
     "ThinLens",
+    "aperture_of",
     "focus",
     "potmesil_sensor",
     "render_samples",

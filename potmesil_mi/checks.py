@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,3 +15,12 @@ def require_whole(name: str, value: Any, least: int, most: int) -> None:
         raise TypeError(f"{name}={value!r}: must be a whole number from {least} to {most}")
     if not least <= value <= most:
         raise ValueError(f"{name}={value}: must be {least} to {most}")
+
+
+def require_number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> None:
+    """Raise ``TypeError`` unless ``value`` is a number, ``ValueError`` unless it is in range."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise TypeError(f"{name}={value!r}: must be a number")
+    if not (least <= float(value) <= most and math.isfinite(value)):
+        allowed = f"{least:g} to {most:g}" if math.isfinite(least) else "finite"
+        raise ValueError(f"{name}={value}: must be {allowed}")

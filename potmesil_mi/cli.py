@@ -331,6 +331,17 @@ def _add_lens(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--image-distance", choices=IMAGE_DISTANCES, help="film at F, or at the focused image"
     )
+    group.add_argument(
+        "--aperture", metavar="SHAPE",
+        help="disc, polygon:blades=6,rotation=15,curvature=0.2, image:filename=heart.png, or "
+        "lommel:wavelengths=610/550/465",
+    )  # fmt: skip
+    group.add_argument(
+        "--squeeze", type=float, metavar="RATIO", help="anamorphic: height of highlights to width"
+    )
+    group.add_argument(
+        "--vignetting", type=float, metavar="SHARE", help="of the lens's rim, in the corners"
+    )
 
 
 def _add_method(command: argparse.ArgumentParser) -> None:
@@ -379,6 +390,9 @@ def _lens_options(options: argparse.Namespace) -> dict[str, Any]:
         "frame_width",
         "millimeters_per_unit",
         "image_distance",
+        "aperture",
+        "squeeze",
+        "vignetting",
     )
     return _given(options, names)
 

@@ -29,6 +29,7 @@ from .files import require_writable, write_picture
 from .focus import check_options, focus
 from .hidden_surface import Sampling, render_samples
 from .lens import ThinLens
+from .psf import Disc
 from .samples import PointSamples
 from .scene import pick_sensor, potmesil_sensor, require_vectorised_variant
 
@@ -371,6 +372,12 @@ def thinlens_sensor(
     sensor = potmesil_sensor(sensor)
     lens = sensor.lens() if lens is None else lens
     camera = sensor.camera()
+    plain = lens.aperture == Disc() and lens.squeeze == 1 and lens.vignetting == 0
+    if not plain and lens.plain().aperture_radius > 0:
+        raise ValueError(
+            f"aperture={lens.aperture}, squeeze={lens.squeeze}, vignetting={lens.vignetting}: "
+            "must be a disc, 1 and 0 to be compared: thinlens knows no other"
+        )
     if any(camera.principal_point_offset):
         raise ValueError(
             f"principal_point_offset={camera.principal_point_offset}: must be 0, thinlens has none"

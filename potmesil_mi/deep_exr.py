@@ -107,7 +107,7 @@ def _header(samples: PointSamples) -> dict[str, Any]:
         "displayWindow": window(0, 0, *camera.film_size),
         "dataWindow": window(*samples.window),
         "idManifest": manifest,
-        "aperture": float(ThinLens(**parameters).f_number),
+        "aperture": lens.plain().f_number,
         "focus": parameters["focus_distance"] * parameters["millimeters_per_unit"] / 1000,
         "nominalFocalLength": parameters["focal_length"],
         "potmesil:camera": json.dumps(camera.to_dict()),

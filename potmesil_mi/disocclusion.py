@@ -25,7 +25,7 @@ GROWTH = 1.5
 
 def parallax_scale(lens: ThinLens, camera: Camera) -> float:
     """R f: radius in pixels of the circle of confusion per scene unit of 1/z - 1/U."""
-    lens = ThinLens(**lens.to_dict())
+    lens = lens.plain()
     return float(lens.aperture_radius) * camera.focal_length_pixels
 
 
@@ -35,7 +35,7 @@ def widest_parallax_scale(lens: ThinLens, camera: Camera, nearest: float) -> flo
     With the film at F the aperture's radius grows as the lens is focused nearer (R = V_u / 2n).
     ``nearest`` counts where the lens can focus on it: from twice its focal length.
     """
-    lens = ThinLens(**lens.to_dict())
+    lens = lens.plain()
     least = 2 * lens.focal_length / lens.millimeters_per_unit
     focused = lens.replace(focus_distance=min(max(nearest, least), lens.focus_distance))
     return max(parallax_scale(lens, camera), parallax_scale(focused, camera))
@@ -82,7 +82,7 @@ def overscan(
     distance = np.hypot(beside, above)
     vergence = 1 / z.astype(np.float64)
     inside = vergence[distance == 0]
-    focused = 1 / float(ThinLens(**lens.to_dict()).focus_distance)
+    focused = 1 / float(lens.plain().focus_distance)
     least = min(focused, float(inside.min(initial=focused)))
     most = max(focused, float(inside.max(initial=focused)))
     scale = widest_parallax_scale(lens, camera, 1 / most if most > 0 else math.inf)

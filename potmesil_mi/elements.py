@@ -45,6 +45,9 @@ class Elements:
                                   square stands before a hidden one; 0 for a visible one
     ``bin``                       int32 (N,), nearest last
     ``least``, ``step``           vergence where the bins begin, and their width
+    ``offset``                    float32 (N, 2), where the middle of the light that the
+                                  pinhole sees in the square is, from that of the square, in
+                                  squares; only if it was asked for
     ============================  ==========================================================
     """
 
@@ -58,6 +61,7 @@ class Elements:
     bin: np.ndarray
     least: float
     step: float
+    offset: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -149,6 +153,29 @@ class Elements:
             width, height, place % width, place // width, mean, values, front, least, step
         )
 
+    def placed(self, samples: PointSamples, per_pixel: int) -> Elements:
+        """The same elements, of these samples, with their ``offset``."""
+        samples = _pieces(samples, per_pixel).visible()
+        light = (samples.weight * samples.rgb.max(axis=1)).astype(np.float64)
+        places, offsets = [], []
+        for at, start, count in (
+            (samples.x, samples.window[0], self.width),
+            (samples.y, samples.window[1], self.height),
+        ):
+            fine = (at.astype(np.float64) - start) * per_pixel
+            places.append(np.clip(np.floor(fine), 0, count - 1))
+            offsets.append(fine - places[-1] - 0.5)
+        square = (places[1] * self.width + places[0]).astype(np.int64)
+        size = self.width * self.height
+        total = np.bincount(square, light, size)
+        own = self.y.astype(np.int64) * self.width + self.x
+        middle = [
+            np.bincount(square, light * offset, size)[own] / np.where(total > 0, total, 1)[own]
+            for offset in offsets
+        ]
+        offset = np.clip(np.stack(middle, axis=1), -0.5, 0.5).astype(np.float32)
+        return dataclasses.replace(self, offset=offset)
+
     def coarser(self, factor: int) -> tuple[Elements, np.ndarray]:
         """Elements on squares, and in bins, ``factor`` times as large; and which became which.
 
@@ -227,6 +254,7 @@ class Elements:
             values=self.values[mask],
             front=self.front[mask],
             bin=self.bin[mask],
+            offset=None if self.offset is None else self.offset[mask],
         )
 
 

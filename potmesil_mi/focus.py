@@ -6,6 +6,7 @@ pixels; here it is brought to the film.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +18,7 @@ from .checks import require_whole
 from .layered import see_through
 from .lens import ThinLens
 from .paper import equation_20
-from .psf import Disc, PointSpreadFunction
+from .psf import Aperture, PointSpreadFunction
 from .samples import PointSamples
 from .scene import require_vectorised_variant
 
@@ -28,6 +29,7 @@ MOST_LENS_POINTS = 4096
 
 LENS_POINTS = {"layered": 32, "lightfield": 128}
 SQUARES = {"layered": 1, "lightfield": 2, "paper": 2}
+DIFFRACTION_SQUARES = 2
 
 
 def focus(
@@ -58,10 +60,10 @@ def focus(
                                   ``lightfield``: the same with more lens points, on a finer
                                   grid; the one to trust. ``paper``: equation 20, which knows
                                   no occlusion
-    ``psf``                       how the light of a point is spread; by default
-                                  :class:`potmesil_mi.Disc`, uniform. ``layered`` and
-                                  ``lightfield`` spread what only parts of the lens see, and
-                                  circles of less than a pixel's radius, uniformly
+    ``psf``                       how the light of a point is spread; by default the lens's
+                                  ``aperture``. One that is no :class:`potmesil_mi.Aperture`
+                                  ``layered`` and ``lightfield`` use for what the whole lens
+                                  sees; what only parts of it see they spread uniformly
     ``lens_points``               ``layered``, ``lightfield``: points of the lens from which
                                   visibility is found, 1 to 4096 (default 32 and 128)
     ``tables``                    ``paper``: number of depths, equally spaced from the nearest
@@ -70,7 +72,8 @@ def focus(
     ``inverse_square``            ``paper``: light falls off as 1/z^2 (default, the paper's);
                                   a ray-traced lens does without
     ``squares``                   each pixel is evaluated as so many squares on a side, 1 to
-                                  16 (default: ``layered`` 1, the others 2)
+                                  16 (default: ``layered`` 1, the others, and with
+                                  diffraction all, 2)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
     ============================  ==========================================================
@@ -92,33 +95,42 @@ def focus(
     lens = samples.lens if lens is None else lens
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
-    psf = Disc() if psf is None else psf
+    lens = lens.plain().in_units(samples.lens.millimeters_per_unit)
+    psf = lens.aperture if psf is None else psf
     if not hasattr(psf, "table"):
         raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
-
-    lens = ThinLens(**lens.to_dict()).in_units(samples.lens.millimeters_per_unit)
-    squares = SQUARES[method] if squares is None else squares
+    if method == "paper" and lens.vignetting > 0:
+        raise ValueError(
+            f"vignetting={lens.vignetting}: must be 0 for the method paper, whose tables are the "
+            "same all over the picture"
+        )
+    if squares is None:
+        fine = isinstance(psf, Aperture) and psf.diffracts
+        squares = max(SQUARES[method], DIFFRACTION_SQUARES if fine else 1)
     if method == "paper":
-        fine, weights = equation_20(
-            samples,
-            lens,
-            psf,
-            alpha=alpha,
+        form = functools.partial(
+            equation_20,
             tables=73 if tables is None else tables,
             inverse_square=True if inverse_square is None else bool(inverse_square),
-            per_pixel=squares,
         )
     else:
-        fine, weights = see_through(
-            samples,
-            lens,
-            psf,
-            alpha=alpha,
+        form = functools.partial(
+            see_through,
             lens_points=LENS_POINTS[method] if lens_points is None else lens_points,
-            per_pixel=squares,
             exact=method == "lightfield",
         )
-    return mi.TensorXf(reconstruct(fine, weights, squares, rfilter).astype(np.float32))
+    channels = psf.channels if isinstance(psf, Aperture) else (psf,)
+    pictures = [
+        reconstruct(*form(samples, lens, each, alpha=alpha, per_pixel=squares), squares, rfilter)
+        for each in channels
+    ]
+    picture = pictures[0]
+    if len(channels) == 3:  # Alpha is that of green.
+        picture = np.stack(
+            [of[..., i] for i, of in enumerate((*pictures, pictures[1])[: picture.shape[-1]])],
+            axis=-1,
+        )
+    return mi.TensorXf(picture.astype(np.float32))
 
 
 def film_options(film: mi.Film) -> dict[str, Any]:

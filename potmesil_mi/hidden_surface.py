@@ -17,7 +17,6 @@ import numpy as np
 
 from .checks import require_whole
 from .disocclusion import disoccluded, overscan, widest_parallax_scale
-from .lens import ThinLens
 from .progress import track
 from .samples import PointSamples
 from .scene import (
@@ -332,7 +331,7 @@ class _HiddenSurfaceStage:
         margin = self.sampling.overscan
         if margin is not None:
             return left - margin, top - margin, width + 2 * margin, height + 2 * margin
-        lens = ThinLens(**self.lens.to_dict())
+        lens = self.lens.plain()
         if lens.aperture_radius == 0:
             return left, top, width, height
         side = max(width, height)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 import os
 import weakref
@@ -25,14 +26,15 @@ import mitsuba as mi
 import numpy as np
 import scipy.fft
 import scipy.ndimage
+import scipy.signal
 
 from .disocclusion import parallax_scale
 from .elements import MOST_BINS, SHARE, Elements, scatter_mode
 from .lens import ThinLens
 from .progress import track
-from .psf import PointSpreadFunction, disc_table
+from .psf import Aperture, Disc, PointSpreadFunction, disc_table
 from .samples import PointSamples
-from .visibility import Turns, lens_points, visibility, visibility_of_few
+from .visibility import Turns, visibility, visibility_of_few
 
 SIMILAR = 0.025
 """Apertures that differ by no more see the same, as far as ``layered`` can tell."""
@@ -51,9 +53,18 @@ MORE = 16
 CLOSED = 1e-9
 """What a closed aperture's circles have for a radius, in squares per unit of vergence."""
 
-FINEST, EXACT_FINEST = 8, 16
-"""Circles of at least twice this radius, in squares (where visibility is exact: in pixels), are
-spread on squares so much coarser that their radius there is no less."""
+EXACT_FINEST = 16
+"""Where visibility is exact circles of at least twice this radius, in pixels, are spread on
+squares so much coarser that their radius there is no less; else those of an aperture's own."""
+
+MOVED = 3
+"""Squares on each side among which a spot is shared to be in its place."""
+
+NARROW = 0.35
+"""Share of the light in one square from which on a pattern is too narrow to be interpolated."""
+
+PATTERNS = 8
+"""Tables an octave of circles where their pattern changes with them."""
 
 GROUPS = 4.0 ** np.arange(12)
 """Radii between which circles are one group; up to the first they are of both signs. In a group
@@ -72,18 +83,75 @@ FAINTEST = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
+class Pupil:
+    """The points of the lens from which visibility is found.
+
+    ``points`` are (M, 2), ``more`` those for bright elements, in radii of the aperture, x to the
+    right and y downwards in the picture of a highlight nearer than the focused plane. With a
+    ``cell`` those are not turned, see :class:`potmesil_mi.visibility.Turns`. The rim of the lens
+    is in front of the aperture: seen from a square it is moved by what the square is from
+    ``middle``, (2,), divided by ``far``, where there is one.
+    """
+
+    points: np.ndarray
+    more: np.ndarray
+    cell: float
+    squeeze: float
+    middle: tuple[float, float]
+    far: float
+
+    @classmethod
+    def of(
+        cls, aperture: Aperture, lens: ThinLens, samples: PointSamples, count: int, per_pixel: int
+    ) -> Pupil:
+        """``count`` points of the lens; ``per_pixel`` squares are on a side of a pixel."""
+        scale = -1 / np.array([lens.squeeze, 1])
+        width, height = samples.camera.film_size
+        offset = samples.camera.principal_point_offset
+        left, top = samples.window[:2]
+        middle = (
+            ((0.5 + offset[0]) * width - left) * per_pixel,
+            ((0.5 + offset[1]) * height - top) * per_pixel,
+        )
+        corner = math.hypot(width, height) / 2 * per_pixel
+        whole_disc = aperture.is_round and lens.squeeze == 1 and lens.vignetting == 0
+        return cls(
+            aperture.points(count) * scale,
+            aperture.points(MORE * count) * scale,
+            0.0 if whole_disc else 1 / math.sqrt(MORE * count),
+            float(lens.squeeze),
+            middle,
+            corner / (2 * lens.vignetting) if lens.vignetting > 0 else math.inf,
+        )
+
+    @property
+    def key(self) -> Any:
+        """What it has in common with equal ones."""
+        return (self.points.tobytes(), self.more.shape, self.cell, self.far)
+
+    def open(self, elements: Elements, points: np.ndarray) -> np.ndarray:
+        """Whether the rim lets through what points see of elements, bool (N, M)."""
+        across, down = (
+            (at + 0.5 - middle) / self.far
+            for at, middle in zip((elements.x, elements.y), self.middle, strict=True)
+        )
+        u, v = points[:, 0] * self.squeeze, points[:, 1]
+        return (u - across[:, None]) ** 2 + (v - down[:, None]) ** 2 <= 1
+
+
+@dataclasses.dataclass(frozen=True)
 class Partial:
     """Elements of which parts of the lens see nothing, or not all.
 
     ``seen``, uint8 (N, M), is what each of the lens's ``points``, (M, 2), sees of each, from
-    none to 255. The values of the elements are not multiplied by it. With ``turned`` the points
-    are arranged for each element, see :class:`potmesil_mi.visibility.Turns`.
+    none to 255. The values of the elements are not multiplied by it. With ``turns`` the points
+    are arranged for each element.
     """
 
     elements: Elements
     seen: np.ndarray
     points: np.ndarray
-    turned: bool = False
+    turns: Turns | None = None
 
     def coarser(self, factor: int) -> Partial:
         """The same on squares, and in bins of depth, ``factor`` times as large."""
@@ -104,7 +172,6 @@ class Partial:
         columns = _columns(self.elements, self.elements.values * share)
         columns["seen"] = mi.UInt8(self.seen.ravel())
         columns["u"], columns["v"] = (mi.Float(column) for column in self.points.T.copy())
-        columns["turns"] = Turns(self.elements) if self.turned else None
         return columns
 
 
@@ -124,31 +191,36 @@ class Layers:
     factor: int = 1
 
     @classmethod
-    def of(cls, elements: Elements, scale: float, count: int) -> Layers:
-        """Elements and what ``count`` points of a lens see of them.
+    def of(cls, elements: Elements, scale: float, pupil: Pupil, spots: bool = True) -> Layers:
+        """Elements and what the points of a lens see of them.
 
-        ``scale`` is the radius of the circle in squares per unit of vergence.
+        ``scale`` is the radius of the circle in squares per unit of vergence. Without ``spots``
+        only bright elements are looked at closely that are seen in part.
         """
-        points = lens_points(count)
-        coverable, seen = visibility(elements, scale, points)
+        coverable, seen = visibility(elements, scale, pupil.points)
         # The pinhole does see its samples: without a trace of them there might be black holes.
         first = elements.front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
+        if pupil.far < math.inf:
+            coverable, seen, elements = _within_rim(elements, coverable, seen, pupil)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         whole, partial = ~coverable, np.zeros(len(elements), dtype=bool)
         whole[coverable], partial[coverable] = all_seen, some_seen & ~all_seen
-        bright = _is_bright(elements) & (whole | partial)
-        few, more = elements.chosen(bright), lens_points(MORE * count)
-        seen_of_few = visibility_of_few(elements, few, scale, more)
+        bright = _is_bright(elements) & ((whole & spots) | partial)
+        few, more = elements.chosen(bright), pupil.more
+        seen_of_few = visibility_of_few(elements, few, scale, more, pupil.cell)
+        if pupil.far < math.inf:
+            seen_of_few *= pupil.open(few, more)
         # The bright ones' colours leave their shares of the squares behind.
         colours, shares = few.values.copy(), elements.values.copy()
         colours[:, SHARE:] = 0
         shares[bright, :SHARE] = 0
         elements = dataclasses.replace(elements, values=shares)
+        few = dataclasses.replace(few, values=colours)
         return cls(
             elements.chosen(whole),
-            Partial(elements.chosen(partial), seen[partial[coverable]], points),
-            Partial(dataclasses.replace(few, values=colours), seen_of_few, more, turned=True),
+            Partial(elements.chosen(partial), seen[partial[coverable]], pupil.points),
+            Partial(few, seen_of_few, more, Turns(few, pupil.cell)),
         )
 
     def coarser(self, factor: int) -> Layers:
@@ -165,6 +237,33 @@ class Layers:
     def on_device(self) -> dict[str, Any]:
         """Columns of what the whole lens sees, as Dr.Jit arrays."""
         return _columns(self.whole, self.whole.values)
+
+    @functools.cached_property
+    def spots(self) -> np.ndarray:
+        """Those of ``whole``, (n,), of which one sees where in their squares they are."""
+        if self.whole.offset is None:
+            return np.empty(0, dtype=np.int64)
+        return np.flatnonzero(_is_bright(self.whole))
+
+
+def _within_rim(
+    elements: Elements, coverable: np.ndarray, seen: np.ndarray, pupil: Pupil
+) -> tuple[np.ndarray, np.ndarray, Elements]:
+    """The same of all elements, where the rim of the lens lets only part of the light through.
+
+    That part becomes brighter, for what the rim takes changes shapes here and not the exposure.
+    """
+    open_ = pupil.open(elements, pupil.points)
+    open_[~open_.any(axis=1), 0] = True
+    count = len(pupil.points)
+    all_of_them = np.full((len(elements), count), 255, dtype=np.uint8)
+    all_of_them[coverable] = seen
+    all_of_them *= open_
+    unseen = ~all_of_them.any(axis=1) & (elements.front == 0)
+    all_of_them[unseen, open_[unseen].argmax(axis=1)] = LEAST_SEEN
+    values = elements.values * (count / open_.sum(axis=1, keepdims=True)).astype(np.float32)
+    whole = np.ones(len(elements), dtype=bool)
+    return whole, all_of_them, dataclasses.replace(elements, values=values)
 
 
 def _is_bright(elements: Elements) -> np.ndarray:
@@ -232,17 +331,25 @@ def see_through(
         steps = round(math.log(scale) / math.log1p(2 * SIMILAR))
         similar = math.exp(steps * math.log1p(2 * SIMILAR))
 
+    # A function that is no more than its tables stands for light through a round aperture.
+    aperture = psf if isinstance(psf, Aperture) else Disc()
+    pupil = Pupil.of(aperture, lens, samples, lens_points, per_pixel)
+    of_samples = (mi.variant(), per_pixel, alpha, similar, aperture.diffracts)
+    about = (*of_samples, pupil.key)
+
     def layers_at(factor: int) -> Layers:
         kept = _kept.setdefault(samples, _Kept())
-        about = (mi.variant(), per_pixel, alpha, similar, lens_points)
         if (about, factor) not in kept.layers:
             if factor > 1:
                 layers = layers_at(1).coarser(factor)
             else:
-                if about[:-1] not in kept.elements:
+                if of_samples not in kept.elements:
                     elements = Elements.of(samples, per_pixel, similar, alpha)
-                    kept.elements = {about[:-1]: elements}
-                layers = Layers.of(kept.elements[about[:-1]], similar, lens_points)
+                    if aperture.diffracts:
+                        elements = elements.placed(samples, per_pixel)
+                    kept.elements = {of_samples: elements}
+                elements = kept.elements[of_samples]
+                layers = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
             kept.layers[about, factor] = layers
         return kept.layers[about, factor]
 
@@ -252,7 +359,7 @@ def see_through(
     )
     width, height = (size * per_pixel for size in samples.camera.crop_size)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
-    finest = EXACT_FINEST * per_pixel if exact else FINEST
+    finest = max(EXACT_FINEST * per_pixel if exact else 0, aperture.finest)
     return through_lens(
         layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm, finest
     )
@@ -278,11 +385,12 @@ def through_lens(
     what it counts in its pixel, for chance puts more samples here than there.
     """
     layers = layers_at(1)
+    diffracts = isinstance(psf, Aperture) and psf.diffracts
     channels = layers.whole.values.shape[1]
     # In the column of shares what is covered adds up.
     total = np.zeros((crop[3], crop[2], channels), dtype=np.float32)
     arrived = np.zeros((crop[3], crop[2]), dtype=np.float32)
-    for band in track(list(_bands(layers, lens, scale, finest)), "Focusing"):
+    for band in track(list(_bands(layers, lens, scale, finest, diffracts)), "Focusing"):
         group = _Group(layers_at(band.factor), band, lens, psf, squares_per_mm, scale)
         image, rows, columns = _cropped(*group.spread(channels), band.factor, crop)
         if image.size == 0:
@@ -308,7 +416,8 @@ class _Band:
     """Elements of similar circles: of the bins from ``first`` on that come before ``end``.
 
     ``inner`` and ``outer`` are radii, in squares, between which theirs are; ``inner`` is 0 where
-    they are of both signs. They are spread on squares ``factor`` times as large.
+    they are of both signs. They are spread on squares ``factor`` times as large, by ``steps``
+    and one more tables from ``inner`` to ``outer``.
     """
 
     first: int
@@ -317,10 +426,17 @@ class _Band:
     outer: float
     sign: float
     factor: int
+    steps: int
 
 
-def _bands(layers: Layers, lens: ThinLens, scale: float, finest: float) -> Iterator[_Band]:
-    """The bands that have elements, from the nearest."""
+def _bands(
+    layers: Layers, lens: ThinLens, scale: float, finest: float, patterns: bool
+) -> Iterator[_Band]:
+    """The bands that have elements, from the nearest.
+
+    Where ``patterns`` change with the circle there are more tables, from the smallest circle to
+    the largest.
+    """
     focused = 1 / float(lens.focus_distance)
     some = layers.bright.elements
 
@@ -339,24 +455,32 @@ def _bands(layers: Layers, lens: ThinLens, scale: float, finest: float) -> Itera
         for elements in layers.elements:
             part = elements.between(bin_at(least), bin_at(most))
             if part.start < part.stop:
-                ends = [part.start, part.stop - 1]
-                bins.extend(elements.bin[ends])
-                radii.extend(scale * (elements.vergence[ends] - focused))
+                vergence = elements.vergence[part]
+                bins.extend(elements.bin[[part.start, part.stop - 1]])
+                radii.extend(scale * (end - focused) for end in (vergence.min(), vergence.max()))
         if not bins:
             continue
         first, end = int(min(bins)), int(max(bins)) + 1
+        size, sign = np.abs(radii), math.copysign(1, most)
         if least < 0 < most:
-            yield _Band(first, end, 0.0, most, 1.0, 1)
+            outer = float(size.max()) if patterns else most
+            yield _Band(first, end, 0.0, outer, 1.0, 1, min(1, math.ceil(outer)))
             continue
-        # To whole octaves, for which there are tables.
         inner, outer = sorted((abs(least), abs(most)))
-        octaves = np.floor(np.log2(np.clip(np.abs(radii), inner, outer * 0.999) / inner))
-        inner, outer = inner * 2 ** octaves.min(), inner * 2 ** (octaves.max() + 1)
-        yield _Band(first, end, inner, outer, math.copysign(1, most), _factor(inner, finest))
+        if patterns:
+            inner, outer = float(max(size.min(), inner)), float(min(size.max(), outer))
+            steps = math.ceil(PATTERNS * math.log2(outer / inner) - 1e-3)
+        else:  # To whole octaves, for which there are tables.
+            octaves = np.floor(np.log2(np.clip(size, inner, outer * 0.999) / inner))
+            inner, outer = inner * 2 ** octaves.min(), inner * 2 ** (octaves.max() + 1)
+            steps = 2 * round(math.log2(outer / inner))
+        yield _Band(first, end, inner, outer, sign, _factor(inner, finest), steps)
 
 
 def _factor(radius: float, finest: float) -> int:
     """How many times as large the squares are on which circles of at least a radius are spread."""
+    if radius < finest:
+        return 1
     return 2 ** max(0, math.floor(math.log2(radius / finest)))
 
 
@@ -373,6 +497,7 @@ class _Group:
         scale: float,
     ) -> None:
         self.layers, self.lens, self.psf, self.sign = layers, lens, psf, band.sign
+        self.diffracts = isinstance(psf, Aperture) and psf.diffracts
         self.squares_per_mm, self.scale = squares_per_mm / band.factor, scale / band.factor
         self.focused = 1 / float(lens.focus_distance)
         self.factor = band.factor
@@ -386,11 +511,11 @@ class _Group:
             for elements, own in zip(layers.elements, (band.factor, band.factor, 1), strict=True)
         ]
         self.inner, self.outer = band.inner / band.factor, band.outer / band.factor
-        self.knots, self.octaves = [0.0, self.outer], [0.0]
+        self.knots, self.octaves = [0.0, self.outer][: band.steps + 1], [0.0]
         if self.inner > 0:
-            count = round(math.log2(self.outer / self.inner))
-            self.octaves = [self.inner * 2**i for i in range(count)]
-            self.knots = [self.inner * 2 ** (i / 2) for i in range(2 * count + 1)]
+            octaves = max(1, math.ceil(math.log2(self.outer / self.inner) - 1e-3))
+            self.octaves = [self.inner * 2**i for i in range(octaves)]
+            self.knots = np.geomspace(self.inner, self.outer, band.steps + 1).tolist()
 
     def spread(self, channels: int) -> tuple[np.ndarray, int, int]:
         """Light over the squares around its elements, float32 (H, W, C), and its left and top."""
@@ -401,13 +526,19 @@ class _Group:
         ]
         left, top = (min(box[i] for box in boxes) for i in (0, 1))
         right, bottom = (max(box[i] for box in boxes) + 1 for i in (2, 3))
-        reach = math.ceil(self.outer * (1 + 1 / math.sqrt(len(self.layers.partial.points)))) + 2
+        # Farther than the window is wide (and a square more to interpolate) nothing is seen.
+        self.largest = (self.layers.whole.width + 2, self.layers.whole.height + 2)
+        tables = [self._table(radius) for radius in self.knots]
+        cells = math.ceil(self.outer * (1 + 1 / math.sqrt(len(self.layers.partial.points)))) + 2
+        if self.diffracts:
+            cells += max(self._in_focus().shape) // 2
+        reach = max(cells, *(max(table.shape) // 2 + 1 for table in tables)) + MOVED
         self.left, self.top = int(left) - reach, int(top) - reach
         self.width, self.height = (
             scipy.fft.next_fast_len(int(size) + 2 * reach, real=True)
             for size in (right - left, bottom - top)
         )
-        images = [*self._at_knots(channels)]
+        images = [*self._at_knots(tables, channels)]
         partials = (self.layers.partial, self.layers.bright)
         for partial, part, size in zip(partials, self.parts[1:], self.sizes[1:], strict=True):
             if part.start < part.stop:
@@ -435,7 +566,9 @@ class _Group:
             frame = (self.height, self.width)
             return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
 
-    def _at_knots(self, channels: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _at_knots(
+        self, tables: list[np.ndarray], channels: int
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Images of the elements at each knot, and the knot's table."""
         columns, part = self.layers.on_device, self.parts[0]
         if part.start == part.stop:
@@ -443,23 +576,61 @@ class _Group:
         buffer = _Buffer(len(self.knots), self.height, self.width, channels)
         element = dr.arange(mi.UInt32, part.stop - part.start)
         element += dr.opaque(mi.UInt32, part.start)
-        square = dr.square(self._radius(columns, element))
-        # Between tables the area of the circle is interpolated, and so the blur's variance.
-        first = dr.opaque(mi.Float, self.inner**2)
-        before, beyond, knot = first, dr.opaque(mi.Float, self.outer**2), mi.UInt32(0)
-        if self.inner > 0:
-            steps = dr.floor(dr.log2(dr.maximum(square / first, 1)))
-            steps = dr.minimum(steps, len(self.knots) - 2)
-            before = first * dr.exp2(steps)
-            beyond, knot = 2 * before, mi.UInt32(steps)
-        share = dr.clip((square - before) / (beyond - before), 0, 1)
         size = dr.opaque(mi.UInt32, self.height * self.width)
-        place = self._place(columns["x"], columns["y"], element) + knot * size
+        place = self._place(columns["x"], columns["y"], element)
+        knot, share = self._between_knots(columns, element)
+        place += knot * size
         buffer.add(columns, element, place, 1 - share)
         buffer.add(columns, element, place + size, share, share > 0)
-        for radius, image in zip(self.knots, buffer.images(), strict=True):
+        spots = self.layers.spots
+        spots = spots[(spots >= part.start) & (spots < part.stop)]
+        if len(spots) and max(table.max() for table in tables) < NARROW:
+            spot = mi.UInt32(spots - part.start)
+            element, place, share = (
+                dr.gather(type(column), column, spot) for column in (element, place, share)
+            )
+            for beside, moved in self._moved(spots):
+                for at, part in ((0, 1 - share), (size, share)):
+                    buffer.add(columns, element, place + beside + at, moved * part, colours=True)
+        for table, image in zip(tables, buffer.images(), strict=True):
             if image.any():
-                yield image, self._table(radius)
+                yield image, table
+
+    def _between_knots(
+        self, columns: dict[str, Any], element: mi.UInt32
+    ) -> tuple[mi.UInt32, mi.Float]:
+        """The knot before the circles of elements, and the share of the one beyond.
+
+        Between tables the area of the circle is interpolated, and so the blur's variance.
+        """
+        if len(self.knots) == 1:
+            return mi.UInt32(0), mi.Float(0)
+        square = dr.square(self._radius(columns, element))
+        first, last = (dr.opaque(mi.Float, radius**2) for radius in (self.inner, self.outer))
+        if self.inner == 0:
+            return mi.UInt32(0), dr.clip(square / last, 0, 1)
+        ratio = (self.knots[1] / self.knots[0]) ** 2
+        steps = dr.log2(dr.maximum(square / first, 1)) * dr.opaque(mi.Float, 1 / math.log2(ratio))
+        steps = dr.minimum(dr.floor(steps), len(self.knots) - 2)
+        before = first * dr.exp2(steps * dr.opaque(mi.Float, math.log2(ratio)))
+        step = before * dr.opaque(mi.Float, ratio - 1)
+        return mi.UInt32(steps), dr.clip((square - before) / step, 0, 1)
+
+    def _moved(self, spots: np.ndarray) -> Iterator[tuple[mi.Int32, mi.Float]]:
+        """What moves spots from the middle of their squares to where they are in these.
+
+        Squares around, as steps in the picture, and what they get: the weights with which a
+        pattern is interpolated, by polynomials of the sixth degree, less what is there.
+        """
+        offset = self.layers.whole.offset
+        assert offset is not None
+        nodes = np.arange(-MOVED, MOVED + 1)
+        weights = [
+            np.prod([(offset[spots] - j) / (k - j) for j in nodes if j != k], axis=0) for k in nodes
+        ]
+        for (dx, x), (dy, y) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
+            share = x[:, 0] * y[:, 1] - (dx == 0 and dy == 0)
+            yield mi.Int32(int(dy) * self.width + int(dx)), mi.Float(share.astype(np.float32))
 
     def _by_points(
         self, partial: Partial, part: slice, size: int, channels: int
@@ -477,16 +648,16 @@ class _Group:
         lane += dr.opaque(mi.UInt32, part.start * count)
         seen = mi.Float(dr.gather(mi.UInt8, columns["seen"], lane))
         # Single bright elements show gaps between points; of the others edges do.
-        cell = (2 if partial.turned else 1) / math.sqrt(count)
+        cell = (1 if partial.turns is None else 2) / math.sqrt(count)
         radius = self._radius(columns, element)
-        if partial.turned and self.factor > 1:
+        if partial.turns is not None and self.factor > 1:
             # Whole discs they make: of the right size with what coarse squares and cells add.
             added = dr.opaque(mi.Float, 4 * (LINEAR + self.smeared))
             square = dr.fma(dr.square(radius), dr.opaque(mi.Float, 1 - cell**2), -added)
             radius = dr.copysign(dr.sqrt(dr.maximum(square, 0)), radius)
         u, v = (dr.gather(mi.Float, columns[name], point) for name in "uv")
-        if partial.turned:
-            u, v = columns["turns"].points(u, v, point, element)
+        if partial.turns is not None:
+            u, v = partial.turns.points(u, v, point, element)
         # Of the middle of the element's square, in squares; there it is the middle again.
         own = dr.opaque(mi.Float, 1 / size)
         x, y = (
@@ -509,7 +680,10 @@ class _Group:
                 buffer.add(columns, element, beside, share_x * share_y * seen, seen > 0)
         for edge, image in zip(self.octaves, buffer.images(), strict=True):
             if image.any():
-                yield image, without(0, functools.partial(_scaled_disc, cell * edge))
+                kernel = without(0, functools.partial(_scaled_disc, cell * edge))
+                if self.diffracts:
+                    kernel = scipy.signal.fftconvolve(kernel, self._in_focus())
+                yield image, kernel
 
     def _radius(self, columns: dict[str, Any], element: mi.UInt32) -> mi.Float:
         """Signed radius of the circles of confusion in squares."""
@@ -526,22 +700,27 @@ class _Group:
         return mi.UInt32(row * dr.opaque(mi.Int32, self.width) + column)
 
     def _table(self, radius: float) -> np.ndarray:
+        if self.diffracts:
+            return self._exact_table(radius, 1.0)
         if radius == 0 or self.scale == 0:
             return np.ones((1, 1))
-        vergence = self.focused + self.sign * radius / self.scale
+        smeared = self.smeared + (LINEAR if self.factor > 1 else 0)
+        return without(smeared, functools.partial(self._exact_table, radius))
+
+    def _exact_table(self, radius: float, finer: float) -> np.ndarray:
+        """The table of circles of a radius in squares, on squares so many times as fine."""
+        vergence = self.focused
+        if self.scale > 0:
+            vergence += self.sign * radius / self.scale
         if vergence < 0:  # No point is there: take one as far in front of what is focused.
             vergence = self.focused + radius / self.scale
         depth = 1 / vergence if vergence > 0 else math.inf
-        return without(
-            self.smeared + (LINEAR if self.factor > 1 else 0),
-            lambda finer: self.psf.table(
-                self.lens,
-                depth,
-                self.squares_per_mm * finer,
-                MIDDLE,
-                (round(self.width * finer / 2), round(self.height * finer / 2)),
-            ),
-        )
+        largest = (round(self.largest[0] * finer), round(self.largest[1] * finer))
+        return self.psf.table(self.lens, depth, self.squares_per_mm * finer, MIDDLE, largest)
+
+    def _in_focus(self) -> np.ndarray:
+        """What diffraction makes of a point in focus: the table of the light of lens points."""
+        return self._exact_table(0.0, 1.0)
 
 
 class _Buffer:
@@ -559,12 +738,15 @@ class _Buffer:
         place: mi.UInt32,
         share: mi.Float,
         active: mi.Bool = True,
+        colours: bool = False,
     ) -> None:
-        """Add the shares of elements to their places."""
+        """Add the shares of elements to their places, or of their ``colours`` alone."""
         mode = scatter_mode()
         values = dr.gather(mi.Vector4f, columns["values"], element, active)
+        if colours:
+            values.w = 0
         dr.scatter_add(self.colours, values * share, place, active, mode=mode)
-        if self.alpha is not None:
+        if self.alpha is not None and not colours:
             values = dr.gather(mi.Float, columns["alpha"], element, active)
             dr.scatter_add(self.alpha, values * share, place, active, mode=mode)
 

@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .checks import require_number
+from .psf import Aperture, Disc, aperture_of
+
 ACUITY = 1e-3
 """Angular resolving power of the eye in radians: "1 mil", a patch of U/1000 (section 2.2)."""
 
@@ -57,6 +60,16 @@ class ThinLens:
                                   default), or ``focused``, at the image of the focused
                                   plane (a real camera; its field of view changes as it
                                   is focused)
+    ``aperture``                  its shape: :class:`potmesil_mi.Disc` (default), ``Polygon``,
+                                  ``Lommel`` or ``Image``, or text such as
+                                  ``polygon:blades=6``, see :func:`potmesil_mi.aperture_of`
+    ``squeeze``                   of an anamorphic lens: highlights are so many times as tall
+                                  as wide; 1 (default) to 4. The height is that of the
+                                  aperture
+    ``vignetting``                mechanical vignetting, 0 (default) to 0.9: seen from a corner
+                                  of the frame the rim of the lens is shifted against the
+                                  aperture by so much of its diameter, elsewhere by less in
+                                  proportion; so highlights there look like a cat's eye
     ============================  ==========================================================
 
     Raises ``ValueError`` that names the parameter, its value and what is allowed.
@@ -72,6 +85,9 @@ class ThinLens:
         frame_width: Any = FULL_FRAME_WIDTH,
         millimeters_per_unit: Any = 1.0,
         image_distance: str = "focal",
+        aperture: Aperture | str = Disc(),  # noqa: B008
+        squeeze: float = 1.0,
+        vignetting: float = 0.0,
     ) -> None:
         if (f_number is None) == (aperture_radius is None):
             given = "both were" if f_number is not None else "neither was"
@@ -105,6 +121,14 @@ class ThinLens:
                 x * _host(millimeters_per_unit) - _host(focal_length) > 1e-12 * _host(focal_length)
             ),
         )
+        require_number("squeeze", squeeze, 1, 4)
+        require_number("vignetting", vignetting, 0, 0.9)
+        self.aperture, self.squeeze, self.vignetting = aperture_of(aperture), squeeze, vignetting
+        if self.aperture.diffracts and (squeeze != 1 or vignetting != 0):
+            raise ValueError(
+                f"squeeze={squeeze}, vignetting={vignetting}: must be 1 and 0 with the aperture "
+                f"{self.aperture.name}, whose pattern is that of a whole circle"
+            )
         self.focal_length = focal_length
         self.focus_distance = focus_distance
         self.frame_width = frame_width
@@ -155,6 +179,9 @@ class ThinLens:
             "frame_width": self.frame_width,
             "millimeters_per_unit": self.millimeters_per_unit,
             "image_distance": self.film_position,
+            "aperture": self.aperture,
+            "squeeze": self.squeeze,
+            "vignetting": self.vignetting,
         }
         if self._f_number is not None:
             parameters["f_number"] = self._f_number
@@ -162,12 +189,20 @@ class ThinLens:
             parameters["aperture_radius"] = self._aperture_radius
         return parameters
 
-    def to_dict(self) -> dict[str, Any]:
-        """:meth:`parameters` as JSON-ready values; a parameter of several elements is an error."""
-        return {
-            name: value if isinstance(value, str) else float(_host(value).item())
+    def plain(self) -> ThinLens:
+        """The same lens of plain numbers; a parameter of several elements is an error."""
+        plain: dict[str, Any] = {
+            name: value if isinstance(value, (str, Aperture)) else float(_host(value).item())
             for name, value in self.parameters().items()
         }
+        return ThinLens(**plain)
+
+    def to_dict(self) -> dict[str, Any]:
+        """:meth:`parameters` as numbers and text, as they are in JSON and in Mitsuba's plugins.
+
+        A parameter of several elements is an error.
+        """
+        return {**self.plain().parameters(), "aperture": self.aperture.describe()}
 
     def replace(self, **changes: Any) -> ThinLens:
         """A lens with some constructor arguments changed.
@@ -277,6 +312,8 @@ class ThinLens:
     def to_thinlens(self) -> dict[str, Any]:
         """The exactly equivalent built-in sensor, as a dictionary for ``mi.load_dict``.
 
+        Its aperture is a disc, whatever this one's.
+
         ``fov`` is along x. A pinhole (f-number ``inf``) gives ``perspective``. ``thinlens``
         cannot focus at infinity: there the distance is 1e9 aperture radii, which no pixel can
         tell from infinity.
@@ -294,8 +331,14 @@ class ThinLens:
         if not isinstance(other, ThinLens):
             return NotImplemented
         mine, theirs = self.parameters(), other.parameters()
-        return mine.keys() == theirs.keys() and all(
-            np.array_equal(_host(mine[key]), _host(theirs[key])) for key in mine
+        return (
+            self.aperture == other.aperture
+            and mine.keys() == theirs.keys()
+            and all(
+                np.array_equal(_host(mine[key]), _host(theirs[key]))
+                for key in mine
+                if key != "aperture"
+            )
         )
 
     __hash__ = None  # type: ignore[assignment]

@@ -80,7 +80,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
             "principal_point_offset_x": offset[0],
             "principal_point_offset_y": offset[1],
             **clip,
-            **thin_lens.parameters(),
+            **thin_lens.to_dict(),
         }
     )
     if sensor.get_medium() is not None:

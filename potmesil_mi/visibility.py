@@ -32,15 +32,6 @@ MOST_STEPS = 128
 MEMORY = 1 << 26
 """Most squares, of all the pictures of what is covered, that are kept at once."""
 
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-
-
-def lens_points(count: int) -> np.ndarray:
-    """Points spread evenly over the unit disc, (count, 2): H. Vogel's sunflower (1979)."""
-    k = np.arange(count)
-    radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-
 
 def visibility(
     elements: Elements, scale: float, points: np.ndarray
@@ -77,13 +68,14 @@ def visibility(
 
 
 class Turns:
-    """An arrangement of the :func:`lens_points` of its own for each element.
+    """An arrangement of a lens's points of its own for each element.
 
     Each turns them by an angle, and moves them outwards or inwards within their cells, unlike its
-    neighbours: so they leave no pattern where the light of many elements adds up.
+    neighbours: so they leave no pattern where the light of many elements adds up. Points of an
+    aperture that is not round are moved together, by no more than the radius of a cell.
     """
 
-    def __init__(self, elements: Elements) -> None:
+    def __init__(self, elements: Elements, cell: float = 0.0) -> None:
         mixed = elements.x.astype(np.uint32) * np.uint32(0x9E3779B1)
         mixed ^= elements.y.astype(np.uint32) * np.uint32(0x85EBCA77)
         mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
@@ -91,6 +83,7 @@ class Turns:
         angle = (mixed & np.uint32(0xFFFF)) * (2 * math.pi / 65536)
         self.cosine, self.sine = (mi.Float(f(angle).astype(np.float32)) for f in (np.cos, np.sin))
         self.outwards = mi.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
+        self.cell = cell
 
     def points(
         self, u: mi.Float, v: mi.Float, point: mi.UInt32, element: mi.UInt32
@@ -100,17 +93,20 @@ class Turns:
             dr.gather(mi.Float, column, element)
             for column in (self.cosine, self.sine, self.outwards)
         )
+        if self.cell > 0:
+            size = dr.opaque(mi.Float, self.cell) * dr.sqrt(outwards)
+            return dr.fma(size, cosine, u), dr.fma(size, sine, v)
         size = dr.sqrt((mi.Float(point) + outwards) / (mi.Float(point) + 0.5))
         return size * (cosine * u - sine * v), size * (sine * u + cosine * v)
 
 
 def visibility_of_few(
-    elements: Elements, few: Elements, scale: float, points: np.ndarray
+    elements: Elements, few: Elements, scale: float, points: np.ndarray, cell: float = 0.0
 ) -> np.ndarray:
     """What each point sees of each of a ``few`` elements, uint8 (n, M), from none to 255.
 
-    For many points, arranged by :class:`Turns`, and few elements: it follows each way from an
-    element to a lens point past the nearest of the ``elements`` in each square.
+    For many points, arranged by :class:`Turns` with that ``cell``, and few elements: it follows
+    each way from an element to a lens point past the nearest of the ``elements`` in each square.
     """
     if len(few) == 0:
         return np.empty((0, len(points)), dtype=np.uint8)
@@ -131,7 +127,7 @@ def visibility_of_few(
         dr.gather(mi.Float, mi.Float(np.ascontiguousarray(column, np.float32)), point)
         for column in points.T
     )
-    u, v = Turns(few).points(u, v, point, element)
+    u, v = Turns(few, cell).points(u, v, point, element)
     x, y = (
         dr.gather(mi.Float, mi.Float(column + np.float32(0.5)), element)
         for column in (few.x, few.y)

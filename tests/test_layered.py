@@ -142,7 +142,7 @@ def test_a_point_becomes_a_disc_of_the_right_radius_and_light(method, depth, rad
     y, x = np.mgrid[:size, :size] - middle
     red = image[..., 0] / light[0]
     # Large circles are spread on coarser squares.
-    coarser = 2 ** max(0, math.floor(math.log2(radius / layered_module.FINEST)))
+    coarser = 2 ** max(0, math.floor(math.log2(radius / pm.Disc.finest)))
     assert abs((red * x).sum()) < 0.02 + (coarser - 1) / 2
     assert abs((red * y).sum()) < 0.02 + (coarser - 1) / 2
     # The mean square of distances in a disc, in the pixel that is spread, and in those in which it

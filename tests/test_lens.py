@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from potmesil_mi import ThinLens
+from potmesil_mi import Disc, ThinLens
 
 FOCAL_LENGTHS = st.floats(5, 400)
 F_NUMBERS = st.floats(0.7, 64)
@@ -358,7 +358,7 @@ def test_parameters_build_an_equal_lens():
     assert lens.replace(f_number=4.1) != lens
     assert lens.replace(aperture_radius=lens.aperture_radius) != lens
     assert lens != "ThinLens"
-    assert eval(repr(lens), {"ThinLens": ThinLens}) == lens
+    assert eval(repr(lens), {"ThinLens": ThinLens, "Disc": Disc}) == lens
 
 
 @BOTH_FILMS
@@ -472,8 +472,8 @@ def test_a_bad_focus_among_lenses_of_many_focal_lengths_is_named():
 
 def test_replace_refuses_unknown_names_and_bad_values():
     lens = ThinLens(50, 4, 1000)
-    with pytest.raises(TypeError, match=r"^aperture: not a parameter of ThinLens.*f_number"):
-        lens.replace(aperture=3)
+    with pytest.raises(TypeError, match=r"^blades: not a parameter of ThinLens.*f_number"):
+        lens.replace(blades=3)
     with pytest.raises(ValueError, match=r"^focus_distance=20: "):
         lens.replace(focus_distance=20)
     with pytest.raises(ValueError, match="both"):

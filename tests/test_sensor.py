@@ -544,11 +544,11 @@ EXACT = ThinLens(43.3, 5.6, 0.29, frame_width=35.9, millimeters_per_unit=1000.1)
 
 
 def test_the_lens_is_exactly_what_was_asked_for(variants):
-    assert load(**EXACT.parameters()).lens() == EXACT
+    assert load(**EXACT.to_dict()).lens() == EXACT
 
 
 def test_the_lens_stays_exact_in_what_is_not_updated(variant_llvm):
-    sensor = load(**EXACT.parameters())
+    sensor = load(**EXACT.to_dict())
     parameters = mi.traverse(sensor)
     parameters["near_clip"] = 0.2
     parameters["f_number"] = 8.0
@@ -788,7 +788,7 @@ def test_xml_says_all_that_a_dictionary_says(variants, aperture, focus_distance,
         **{aperture: 5.6},
     )
     expected = load(
-        **sensor.lens().parameters(),
+        **sensor.lens().to_dict(),
         film=film(40, 30),
         near_clip=0.5,
         far_clip=77.0,

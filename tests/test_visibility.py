@@ -7,7 +7,8 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi import visibility as visibility_module
 from potmesil_mi.elements import Elements
-from potmesil_mi.visibility import lens_points, visibility, visibility_of_few
+from potmesil_mi.psf import lens_points
+from potmesil_mi.visibility import visibility, visibility_of_few
 from scenes import synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -11,9 +11,20 @@ import numpy as np
 
 from ..camera import Camera, horizontal_fov, orientation
 from ..lens import ThinLens
+from ..psf import SPECTRUM, Aperture, Disc, Image, Lommel, Polygon, aperture_of
 
-APERTURES = ("disc",)
 DEFAULT_FOCAL_LENGTH = 50.0
+APERTURE_PARAMETERS = {
+    "blades": "polygon",
+    "blade_rotation": "polygon",
+    "blade_curvature": "polygon",
+    "wavelengths": "lommel",
+    "truncated": "lommel",
+    "argument": "lommel",
+    "aperture_image": "image",
+}
+"""Parameters of apertures, and of which."""
+
 PROJECTION_PARAMETERS = {
     "near_clip": 1e-2,
     "far_clip": 1e4,
@@ -61,7 +72,29 @@ class PotmesilSensor(mi.Sensor):
          of the focused plane as in a real camera. (Default: focal)
      * - aperture
        - |string|
-       - Shape of the aperture: ``disc``. (Default: disc)
+       - Shape of the aperture: ``disc``, ``polygon``, ``image``, or ``lommel``, a disc with
+         diffraction; or text such as ``polygon:blades=5``, see
+         :func:`potmesil_mi.aperture_of`. (Default: disc)
+     * - blades, blade_rotation, blade_curvature
+       - |int|, |float|, |float|
+       - ``polygon``: number of blades, 3 to 64; degrees by which it is turned anticlockwise, as
+         seen from behind the camera, from a corner at the top; curvature of the blades, from 0,
+         straight, to 1, the circle. (Default: 6, 0, 0)
+     * - wavelengths, truncated, argument
+       - |string|, |bool|, |string|
+       - ``lommel``: in nm, of red, green and blue, or one for all, or ``spectrum``; whether the
+         pattern ends at the circle of confusion; ``consistent`` or ``paper``, see
+         :class:`potmesil_mi.Lommel`. (Default: 610, 550, 465; false; consistent)
+     * - aperture_image
+       - |string|
+       - ``image``: file of the picture that is the aperture.
+     * - squeeze
+       - |float|
+       - Of an anamorphic lens: highlights are so many times as tall as wide. (Default: 1)
+     * - vignetting
+       - |float|
+       - Mechanical vignetting, 0 to 0.9: shift of the rim against the aperture, seen from a
+         corner of the frame, as a share of its diameter. (Default: 0)
      * - to_world
        - |transform|
        - Camera-to-world transformation without scale, as in ``perspective``.
@@ -95,16 +128,15 @@ class PotmesilSensor(mi.Sensor):
         if not self.id():  # mi.traverse names an object without an id by its address
             self.set_id("potmesil")
 
-        aperture = props.get("aperture", "disc")
-        if aperture not in APERTURES:
-            raise ValueError(f"aperture={aperture!r}: must be one of {', '.join(APERTURES)}")
         if any(name in props for name in ("origin", "pan", "tilt", "swing")):
             self._place(props)
         for name, default in PROJECTION_PARAMETERS.items():
             setattr(self, f"m_{name}", mi.Float(_number(props, name, default)))
 
         lens = self._lens_from(props)
-        self.m_lens_parameters = [name for name in lens.parameters() if name != "image_distance"]
+        self.m_lens_parameters = [
+            name for name in lens.parameters() if name not in ("image_distance", "aperture")
+        ]
         for name in self.m_lens_parameters:
             setattr(self, f"m_{name}", mi.Float(getattr(lens, name)))
         self.m_lens = lens
@@ -133,6 +165,9 @@ class PotmesilSensor(mi.Sensor):
         given["focus_distance"] = _number(props, "focus_distance", math.inf)
         given["millimeters_per_unit"] = _number(props, "millimeters_per_unit", 1000.0)
         given["image_distance"] = props.get("image_distance", "focal")
+        given["aperture"] = _aperture(props)
+        given["squeeze"] = _number(props, "squeeze", 1.0)
+        given["vignetting"] = _number(props, "vignetting", 0.0)
         width, height = self.film().size()
         axis = props.get("fov_axis", "x")
         fov = horizontal_fov(_number(props, "fov", 40.0), axis, width / height)
@@ -277,6 +312,41 @@ class PotmesilSensor(mi.Sensor):
             f"  near_clip = {self.near_clip()},\n  far_clip = {self.far_clip()},\n"
             f"  film = {self.film()},\n  to_world = {self._matrix().tolist()}\n]"
         )
+
+
+def _aperture(props: mi.Properties) -> Aperture:
+    """The aperture that the parameters describe."""
+    name = props.get("aperture", Disc.name)
+    given = [parameter for parameter in APERTURE_PARAMETERS if parameter in props]
+    others = [parameter for parameter in given if APERTURE_PARAMETERS[parameter] != name]
+    if others:
+        raise ValueError(
+            f"{others[0]}: is for the aperture {APERTURE_PARAMETERS[others[0]]}, not for {name}"
+        )
+    if name == Polygon.name and given:
+        return Polygon(
+            props.get("blades", 6),
+            _number(props, "blade_rotation", 0.0),
+            _number(props, "blade_curvature", 0.0),
+        )
+    if name == Image.name:
+        if "aperture_image" not in props:
+            raise ValueError("aperture_image: must name a picture for the aperture image")
+        return Image.load(str(mi.file_resolver().resolve(props["aperture_image"])))
+    if name == Lommel.name and given:
+        parameters = {key: props[key] for key in given}
+        wavelengths = parameters.get("wavelengths", SPECTRUM)
+        if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
+            parameters["wavelengths"] = _numbers("wavelengths", wavelengths)
+        return Lommel(**parameters)
+    return aperture_of(name)
+
+
+def _numbers(name: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(number) for number in text.replace(",", " ").split())
+    except ValueError as error:
+        raise ValueError(f"{name}={text!r}: must be numbers, or {SPECTRUM}") from error
 
 
 def _number(props: mi.Properties, name: str, default: float | None = None) -> float:
