@@ -3,6 +3,7 @@
     python benchmarks/speed.py                     # the paper's scene, 1024x1024
     python benchmarks/speed.py --scene thicket
     python benchmarks/speed.py --memory            # 1920x1080, peak of the whole process
+    python benchmarks/speed.py --hidden --res 512  # what hidden layers cost
 
 The scene is sampled once for each aperture, which is chosen so that the largest circle at the
 focus distance has the diameter that is asked for. For speed beside `thinlens` at equal error:
@@ -34,8 +35,12 @@ def main() -> None:
     options.add_argument("--method", default="layered")
     options.add_argument("--repeats", type=int, default=7)
     options.add_argument("--memory", action="store_true", help="1920x1080 and one diameter, 100")
+    options.add_argument("--hidden", action="store_true", help="sampling with and without layers")
     arguments = options.parse_args()
     common.start(arguments)
+    if arguments.hidden:
+        console.print(hidden_layers(arguments))
+        return
     if arguments.memory:
         arguments.diameters = [100]
 
@@ -76,6 +81,36 @@ def main() -> None:
         )  # fmt: skip
     console.print(rows)
     console.print(f"peak memory of the process: {peak_memory():.2f} GiB")
+
+
+def hidden_layers(arguments: argparse.Namespace):
+    """Seconds of sampling first hits only, and hidden surfaces too, in turns."""
+    scene = load(arguments)
+    times: dict[int, list[float]] = {1: [], 2: []}
+    counts = {}
+    for repeat in range(arguments.repeats + 1):
+        for layers, seconds in times.items():
+            made = []
+
+            def sample(layers=layers, made=made, seed=repeat):
+                sampling = pm.Sampling(layers=layers)
+                made.append(
+                    pm.render_samples(scene, spp=arguments.spp, seed=seed, sampling=sampling)
+                )
+
+            seconds.append(timed(sample)[1])
+            counts[layers] = len(made.pop())
+    rows = common.table(
+        f"{arguments.scene}, {arguments.res}x{arguments.res}, {arguments.spp} samples a pixel",
+        ["layers", "samples", "first s", "again s", "times first hits only"],
+    )
+    steady = {layers: statistics.median(seconds[1:]) for layers, seconds in times.items()}
+    for layers, seconds in times.items():
+        rows.add_row(
+            str(layers), f"{counts[layers]:,}", f"{seconds[0]:.2f}", f"{steady[layers]:.3f}",
+            f"{steady[layers] / steady[1]:.2f}",
+        )  # fmt: skip
+    return rows
 
 
 def load(arguments: argparse.Namespace) -> mi.Scene:
