@@ -21,6 +21,15 @@ import mitsuba as mi  # noqa: E402
 
 from . import plugins  # noqa: E402
 from .camera import Camera  # noqa: E402
+from .filters import (  # noqa: E402
+    Defocus,
+    Diffraction,
+    Fade,
+    Filter,
+    Star,
+    apply_filters,
+    parse_filter,
+)
 from .focus import focus  # noqa: E402
 from .hidden_surface import Sampling, render_samples  # noqa: E402
 from .lens import DepthOfField, ThinLens  # noqa: E402
@@ -39,17 +48,24 @@ from .scene import potmesil_sensor  # noqa: E402
 __all__ = [
     "Aperture",
     "Camera",
+    "Defocus",
     "DepthOfField",
+    "Diffraction",
     "Disc",
+    "Fade",
+    "Filter",
     "Image",
     "Lommel",
     "PointSamples",
     "PointSpreadFunction",
     "Polygon",
     "Sampling",
+    "Star",
     "ThinLens",
     "aperture_of",
+    "apply_filters",
     "focus",
+    "parse_filter",
     "potmesil_sensor",
     "render_samples",
 ]

@@ -22,6 +22,7 @@ from .compare import (
     output_paths,
 )
 from .files import PICTURES, require_writable, write_picture
+from .filters import FILTERS, as_filters
 from .focus import METHODS, OPTIONS, check_options, film_options, focus
 from .hidden_surface import PATTERNS, Sampling, render_samples
 from .lens import IMAGE_DISTANCES, ThinLens
@@ -46,6 +47,7 @@ FOCUS_EXAMPLES = """
 examples:
   potmesil focus kitchen.exr --focus-distance 3.5 -o far.png
   potmesil focus kitchen.exr --f-number 8 --method paper --tables 200 -o sharper.exr
+  potmesil focus kitchen.exr --filter star:points=6 --filter fade:amount=0.3 -o star.png
 """
 
 COMPARE_EXAMPLES = f"""
@@ -89,6 +91,7 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     _check_outputs(options.output, options.samples)
     check_options(**_focus_options(options))
+    filters = as_filters(options.filter)
     scene, sensor = _scene_with_lens(options)
     integrator = scene.integrator()
     samples = render_samples(
@@ -103,6 +106,7 @@ def render(options: argparse.Namespace) -> None:
         samples.save(options.samples)
     picture = focus(
         samples,
+        filters=filters or getattr(integrator, "filters", ()),
         **film_options(sensor.film()),
         **{**getattr(integrator, "options", {}), **_focus_options(options)},
     )
@@ -114,10 +118,12 @@ def refocus(options: argparse.Namespace) -> None:
     _check_outputs(options.output)
     _require_apart(options.samples, options.output)
     check_options(**_focus_options(options))
+    filters = as_filters(options.filter)
     _set_variant(options.variant)
     samples = PointSamples.load(options.samples)
     lens = samples.lens.replace(**_lens_options(options))
-    _write(focus(samples, lens, **_focus_options(options)), options.output)
+    picture = focus(samples, lens, filters=filters, **_focus_options(options))
+    _write(picture, options.output)
 
 
 def against_thinlens(options: argparse.Namespace) -> None:
@@ -196,6 +202,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_sampling(command)
     _add_lens(command)
     _add_method(command)
+    _add_filter(command)
 
     command = _command(
         commands, "focus", "form a picture from point samples", FOCUS_EXAMPLES, refocus
@@ -204,6 +211,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_output(command)
     _add_lens(command)
     _add_method(command)
+    _add_filter(command)
 
     command = _command(
         commands,
@@ -362,6 +370,15 @@ def _add_method(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--squares", type=int, help="squares on a side of a pixel (layered 1, others 2)"
     )
+
+
+def _add_filter(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("special effects")
+    group.add_argument(
+        "--filter", metavar="NAME:PARAMETER=VALUE,...", action="append", default=[],
+        help=f"{', '.join(FILTERS)}, such as star:points=6,length=0.1,threshold=2; may be given "
+        "several times, in order, and takes the place of the scene's",
+    )  # fmt: skip
 
 
 def _scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:

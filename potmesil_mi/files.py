@@ -52,7 +52,10 @@ def written_whole(path: Path) -> Iterator[Path]:
 def write_picture(image: mi.TensorXf, path: str | os.PathLike[str]) -> None:
     """Write linear RGB (A): ``.exr`` in float32, ``.png`` and ``.jpg`` in 8-bit sRGB."""
     path = require_writable(path, PICTURES)
-    bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    values = np.ascontiguousarray(image, dtype=np.float32)
+    if path.suffix.lower() != ".exr":
+        values = np.clip(values, 0, 1)  # Mitsuba's conversion makes black of some thousands
+    bitmap = mi.Bitmap(values)
     if path.suffix.lower() != ".exr":
         keep_alpha = path.suffix.lower() == ".png" and bitmap.has_alpha()
         pixel_format = mi.Bitmap.PixelFormat.RGBA if keep_alpha else mi.Bitmap.PixelFormat.RGB

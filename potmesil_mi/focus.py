@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from .checks import require_whole
+from .filters import Filter, apply_filters, as_filters
 from .layered import see_through
 from .lens import ThinLens
 from .paper import equation_20
@@ -44,6 +45,7 @@ def focus(
     squares: int | None = None,
     rfilter: mi.ReconstructionFilter | None = None,
     alpha: bool = False,
+    filters: Sequence[Filter | str] = (),
 ) -> mi.TensorXf:
     """The picture that ``lens`` forms of ``samples``.
 
@@ -76,6 +78,9 @@ def focus(
                                   diffraction all, 2)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
+    ``filters``                   special effects, applied to the finished picture in their
+                                  order: :class:`potmesil_mi.Star`, ``Diffraction``,
+                                  ``Defocus``, ``Fade``, or texts such as ``star:points=6``
     ============================  ==========================================================
 
     What ``layered`` and ``lightfield`` find out about samples is kept as long as they are, for
@@ -92,6 +97,7 @@ def focus(
         "squares": squares,
     }
     check_options(**{name: value for name, value in options.items() if value is not None})
+    filters = as_filters(filters)
     lens = samples.lens if lens is None else lens
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
@@ -130,6 +136,11 @@ def focus(
             [of[..., i] for i, of in enumerate((*pictures, pictures[1])[: picture.shape[-1]])],
             axis=-1,
         )
+    if filters:
+        # The field of view is the samples', and so is the film's width.
+        pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
+        lens = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
+        picture = apply_filters(picture, filters, lens, pixels_per_mm)
     return mi.TensorXf(picture.astype(np.float32))
 
 

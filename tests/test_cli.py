@@ -6,6 +6,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
+from potmesil_mi.files import write_picture
 from scenes import OTHERS, SCENES
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -37,6 +38,43 @@ def test_render_writes_every_picture_and_the_samples(tmp_path, method):
         mi.Bitmap(expected).convert(srgb_gamma=True, component_format=mi.Struct.Type.UInt8)
     )
     assert np.abs(read(paths[0]).astype(int) - srgb).max() <= 1
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_very_bright_pixels_are_white_in_pictures_of_eight_bits(tmp_path, name):
+    picture = np.zeros((8, 16, 3), dtype=np.float32)
+    picture[:, 8:] = np.geomspace(2, 1e9, 8)[:, None, None]
+    write_picture(mi.TensorXf(picture), tmp_path / name)
+    written = read(tmp_path / name)
+    assert written[:, 9:].min() > 245
+    assert written[:, :7].max() < 10
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--aperture", "polygon:blades=5,rotation=10"],
+        ["--aperture", "lommel:wavelengths=550"],
+        ["--squeeze", "1.5"],
+        ["--vignetting", "0.4"],
+    ],
+)
+def test_the_aperture_of_the_command_line_is_that_of_the_samples(tmp_path, options):
+    picture, samples = tmp_path / "a.exr", tmp_path / "samples.exr"
+    arguments = [*SMALL, "--f-number", "1.4", *options]
+    assert (
+        cli.main(["render", FIGURE, *arguments, "-o", str(picture), "--samples", str(samples)]) == 0
+    )
+    lens = pm.PointSamples.load(samples).lens
+    name, value = options[0][2:], options[1]
+    expected = pm.aperture_of(value) if name == "aperture" else float(value)
+    assert getattr(lens, name) == expected
+    again = tmp_path / "b.exr"
+    assert cli.main(["focus", str(samples), "-o", str(again)]) == 0
+    np.testing.assert_allclose(read(again), read(picture), atol=1e-5)
+    plain = ["--aperture", "disc", "--squeeze", "1", "--vignetting", "0"]
+    assert cli.main(["focus", str(samples), *plain, "-o", str(again)]) == 0
+    assert np.abs(read(again) - read(picture)).max() > 1e-4
 
 
 def test_definitions_and_options_change_the_picture(tmp_path):

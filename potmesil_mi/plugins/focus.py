@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+from ..filters import Filter, parse_filter
 from ..focus import OPTIONS, check_options, film_options, focus
 from ..samples import PointSamples
 from ..scene import has_lens
@@ -45,6 +47,12 @@ class FocusIntegrator(WrapperIntegrator):
        - |int|
        - Squares on a side of a pixel that are evaluated and averaged, 1 to 16.
          (Default: 1 for ``layered``, 2 for the others)
+     * - filter, filter_2, ...
+       - |string|
+       - Special effects for the finished picture, in the order of their numbers, of names that
+         begin with ``filter``: ``star:points=6,length=0.1,threshold=2``, ``diffraction:scale=20``,
+         ``defocus:radius=0.01``, ``fade:amount=0.5,color=1/0.9/0.8``. Parameters are those of
+         :class:`potmesil_mi.Star`, ``Diffraction``, ``Defocus`` and ``Fade``. (Default: none)
      * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth
        - |string|, |float|, |int|, |bool|
        - What is sampled, as for ``point_samples``.
@@ -56,6 +64,7 @@ class FocusIntegrator(WrapperIntegrator):
         super().__init__(props)
         self.options: dict[str, Any] = {name: props[name] for name in OPTIONS if name in props}
         check_options(**self.options)
+        self.filters = _filters(props)
 
     def check_sensor(self, sensor: mi.Sensor) -> None:
         """Raise ``TypeError`` for a sensor without a lens."""
@@ -64,12 +73,27 @@ class FocusIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The picture through the samples' lens, and no further channels."""
-        image = np.array(focus(samples, **film_options(film), **self.options))
+        options = {**film_options(film), **self.options}
+        image = np.array(focus(samples, filters=self.filters, **options))
         return image, image[..., :0]
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
         return (
-            f"FocusIntegrator[options = {self.options}, sampling = {self.sampling}, "
-            f"nested = {self.nested}]"
+            f"FocusIntegrator[options = {self.options}, filters = {[*map(str, self.filters)]}, "
+            f"sampling = {self.sampling}, nested = {self.nested}]"
         )
+
+
+def _filters(props: mi.Properties) -> tuple[Filter, ...]:
+    """The filters of the properties whose names begin so, ``filter_2`` before ``filter_10``."""
+    names = [name for name in props.keys() if name.startswith("filter")]  # noqa: SIM118
+    names.sort(key=_in_natural_order)
+    for name in names:
+        if not isinstance(props[name], str):
+            raise TypeError(f"{name}={props[name]!r}: must be a string, such as star:points=6")
+    return tuple(parse_filter(props[name]) for name in names)
+
+
+def _in_natural_order(name: str) -> list[Any]:
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
