@@ -28,7 +28,8 @@ OPTIONS = ("method", "lens_points", "tables", "inverse_square", "squares")
 MOST_TABLES = 10_000
 MOST_LENS_POINTS = 4096
 
-LENS_POINTS = {"layered": 32, "lightfield": 128}
+LENS_POINTS = {"layered": 32, "lightfield": 128, "paper": 1}
+VIGNETTING_LENS_POINTS = 128
 SQUARES = {"layered": 1, "lightfield": 2, "paper": 2}
 DIFFRACTION_SQUARES = 2
 
@@ -67,7 +68,8 @@ def focus(
                                   ``layered`` and ``lightfield`` use for what the whole lens
                                   sees; what only parts of it see they spread uniformly
     ``lens_points``               ``layered``, ``lightfield``: points of the lens from which
-                                  visibility is found, 1 to 4096 (default 32 and 128)
+                                  visibility is found, 1 to 4096 (default 32 and 128; with
+                                  vignetting 128)
     ``tables``                    ``paper``: number of depths, equally spaced from the nearest
                                   to the farthest sample, with a table each; 2 to 10000
                                   (default 73, the paper's)
@@ -110,6 +112,10 @@ def focus(
             f"vignetting={lens.vignetting}: must be 0 for the method paper, whose tables are the "
             "same all over the picture"
         )
+    if lens_points is None:
+        # What the rim cuts is all formed by points.
+        rim = VIGNETTING_LENS_POINTS if lens.vignetting > 0 else 1
+        lens_points = max(LENS_POINTS[method], rim)
     if squares is None:
         fine = isinstance(psf, Aperture) and psf.diffracts
         squares = max(SQUARES[method], DIFFRACTION_SQUARES if fine else 1)
@@ -122,7 +128,7 @@ def focus(
     else:
         form = functools.partial(
             see_through,
-            lens_points=LENS_POINTS[method] if lens_points is None else lens_points,
+            lens_points=lens_points,
             exact=method == "lightfield",
         )
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)

@@ -484,12 +484,10 @@ class _HiddenSurfaceStage:
         _, hit, mirrored = self._seen(mi.Ray3f(ray))
         end = ray(ray.maxt)
 
-        def enters(hit: mi.SurfaceInteraction3f) -> mi.UInt32:
-            """The shape, counted from 1, if its inside lies behind the hit; 0 otherwise."""
-            place = _place(hit)
-            faces = dr.dot(hit.n, ray.d) < 0
-            closed = dr.gather(mi.Bool, self.closed, place, hit.is_valid())
-            return dr.select(faces & closed, place + 1, 0)
+        def goes_in(hit: mi.SurfaceInteraction3f) -> mi.Float:
+            """1 where the ray goes into a closed shape, -1 where it comes out, 0 for others."""
+            side = dr.gather(mi.Float, self.closed, _place(hit), hit.is_valid())
+            return -side * dr.sign(dr.dot(hit.n, ray.d))
 
         def onwards(hit: mi.SurfaceInteraction3f) -> mi.Ray3f:
             further = hit.spawn_ray(ray.d)
@@ -500,7 +498,7 @@ class _HiddenSurfaceStage:
             active: mi.Bool,
             hit: mi.SurfaceInteraction3f,
             origin: mi.Point3f,
-            inside: mi.UInt32,
+            inside: mi.Float,
             passed: mi.UInt32,
         ) -> tuple[Any, ...]:
             further = onwards(hit)
@@ -509,13 +507,14 @@ class _HiddenSurfaceStage:
             counts = active & (inside == 0) & ~self._is_left_out(hit)
             if self.follows:
                 counts &= ~passes_straight(hit, counts)
-            leaves = hit.is_valid() & (_place(hit) + 1 == inside)
-            inside = dr.select(leaves, 0, dr.select(counts, enters(hit), inside))
+            # Never inside fewer than no shapes: the camera may have been in one from the start.
+            inside = dr.maximum(inside + goes_in(hit), 0)
             passed = passed + dr.select(counts, mi.UInt32(1), mi.UInt32(0))
             return active & hit.is_valid() & (passed < layer), hit, origin, inside, passed
 
         active = hit.is_valid() & ~mirrored
-        state = (active, hit, mi.Point3f(ray.o), enters(hit), mi.UInt32(0))
+        inside = dr.maximum(goes_in(hit), 0)
+        state = (active, hit, mi.Point3f(ray.o), inside, mi.UInt32(0))
         _, behind, origin, _, passed = dr.while_loop(state, lambda active, *_: active, step)
         there = active & (passed == layer)
         ray.o = dr.select(there, origin, ray.o)

@@ -60,8 +60,8 @@ squares so much coarser that their radius there is no less; else those of an ape
 MOVED = 3
 """Squares on each side among which a spot is shared to be in its place."""
 
-NARROW = 0.35
-"""Share of the light in one square from which on a pattern is too narrow to be interpolated."""
+NARROW = 0.1
+"""Share of the light in one square from which on a pattern is too narrow for polynomials."""
 
 PATTERNS = 8
 """Tables an octave of circles where their pattern changes with them."""
@@ -584,12 +584,14 @@ class _Group:
         buffer.add(columns, element, place + size, share, share > 0)
         spots = self.layers.spots
         spots = spots[(spots >= part.start) & (spots < part.stop)]
-        if len(spots) and max(table.max() for table in tables) < NARROW:
+        if len(spots):
+            wide = max(table.max() for table in tables) < NARROW
+            wide &= not getattr(self.psf, "truncated", False)  # Their edge is sharp.
             spot = mi.UInt32(spots - part.start)
             element, place, share = (
                 dr.gather(type(column), column, spot) for column in (element, place, share)
             )
-            for beside, moved in self._moved(spots):
+            for beside, moved in self._moved(spots, MOVED if wide else 1):
                 for at, part in ((0, 1 - share), (size, share)):
                     buffer.add(columns, element, place + beside + at, moved * part, colours=True)
         for table, image in zip(tables, buffer.images(), strict=True):
@@ -616,18 +618,23 @@ class _Group:
         step = before * dr.opaque(mi.Float, ratio - 1)
         return mi.UInt32(steps), dr.clip((square - before) / step, 0, 1)
 
-    def _moved(self, spots: np.ndarray) -> Iterator[tuple[mi.Int32, mi.Float]]:
+    def _moved(self, spots: np.ndarray, most: int) -> Iterator[tuple[mi.Int32, mi.Float]]:
         """What moves spots from the middle of their squares to where they are in these.
 
-        Squares around, as steps in the picture, and what they get: the weights with which a
-        pattern is interpolated, by polynomials of the sixth degree, less what is there.
+        Squares around, as steps in the picture, and what they get, less what is there: the
+        weights with which a pattern is interpolated between ``2 most + 1`` squares, by polynomials
+        of that degree less one; or linearly for 1, as narrow patterns must be.
         """
         offset = self.layers.whole.offset
         assert offset is not None
-        nodes = np.arange(-MOVED, MOVED + 1)
-        weights = [
-            np.prod([(offset[spots] - j) / (k - j) for j in nodes if j != k], axis=0) for k in nodes
-        ]
+        nodes = np.arange(-most, most + 1)
+        if most == 1:
+            weights = [np.maximum(1 - np.abs(offset[spots] - k), 0) for k in nodes]
+        else:
+            weights = [
+                np.prod([(offset[spots] - j) / (k - j) for j in nodes if j != k], axis=0)
+                for k in nodes
+            ]
         for (dx, x), (dy, y) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
             share = x[:, 0] * y[:, 1] - (dx == 0 and dy == 0)
             yield mi.Int32(int(dy) * self.width + int(dx)), mi.Float(share.astype(np.float32))

@@ -139,19 +139,40 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
     return mi.UInt32(table), {i: name for i, (name, _) in enumerate(named, 1)}
 
 
-def closed_shapes(scene: mi.Scene) -> mi.Bool:
+ORIENTATION_SAMPLES = 4096
+"""Points of a closed shape from which is told on which side its normals are."""
+
+
+def closed_shapes(scene: mi.Scene) -> mi.Float:
     """Which shapes enclose a volume, by their place in Dr.Jit's registry, as in ``surface_ids``.
 
-    Spheres and cylinders do, and meshes each of whose edges joins two faces, in either direction
-    one. Others, instances too, are taken for open.
+    1 for those whose normals point out of it, -1 for those whose normals point into it, 0 for
+    the others. Spheres and cylinders enclose one, and meshes each of whose edges joins two faces,
+    in either direction one. Others, instances too, are taken for open.
     """
     import drjit as dr
 
     shapes = list(scene.shapes())
     places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-    table = np.zeros(max(places) + 1, dtype=bool)
-    table[places] = [_is_closed(shape) for shape in shapes]
-    return mi.Bool(table)
+    table = np.zeros(max(places) + 1, dtype=np.float32)
+    table[places] = [_side_of_normals(shape) if _is_closed(shape) else 0 for shape in shapes]
+    return mi.Float(table)
+
+
+def _side_of_normals(shape: mi.Shape) -> float:
+    """1 where the normals of a closed shape point outwards, else -1."""
+    import drjit as dr
+
+    place = dr.arange(mi.UInt32, ORIENTATION_SAMPLES)
+    sample = mi.Point2f(
+        (mi.Float(place) + 0.5) / ORIENTATION_SAMPLES, mi.radical_inverse_2(place, 0)
+    )
+    position = shape.sample_position(0.0, sample)
+    middle = mi.Point3f(shape.bbox().center())
+    dr.make_opaque(middle)  # no kernel of its own for each shape
+    # By Gauss's theorem the flux of x - middle is three times the volume.
+    flux = dr.mean(dr.dot(position.n, position.p - middle))
+    return -1.0 if float(np.array(flux).ravel()[0]) < 0 else 1.0
 
 
 def _is_closed(shape: mi.Shape) -> bool:

@@ -353,6 +353,21 @@ def test_a_bright_point_looks_as_wave_optics_has_it(variant_llvm, pixel, depth, 
     np.testing.assert_allclose(picture / picture.max(), expected / expected.max(), atol=0.01)
 
 
+@pytest.mark.parametrize("method", ["layered", "lightfield"])
+@pytest.mark.parametrize("pixel", [2e-3, 8e-3, 16e-3, 70e-3])
+@pytest.mark.parametrize("offset", [0.0, 0.2, 0.45])
+@pytest.mark.parametrize("depth", [1000.0, 900.0])
+def test_patterns_narrow_or_wide_keep_the_light_of_a_point(
+    variant_llvm, method, pixel, offset, depth
+):
+    size = 61
+    lens = pm.ThinLens(50, 8, 1000, aperture=pm.Lommel((550,), truncated=depth < 1000))
+    samples = bright_point(size, pixel, depth, lens, offset, light=100.0, background=1.0)
+    picture = np.array(pm.focus(samples, method=method), dtype=np.float64)
+    assert picture.min() > 0.999
+    assert (picture[..., 1] - 1).sum() == pytest.approx(100, rel=3e-3)
+
+
 @pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
 @pytest.mark.parametrize("aperture", [*SHAPES, pm.Lommel((550,), truncated=True)], ids=str)
 @pytest.mark.parametrize("depth", [NEAR, FAR])
