@@ -77,7 +77,8 @@ def focus(
                                   a ray-traced lens does without
     ``squares``                   each pixel is evaluated as so many squares on a side, 1 to
                                   16 (default: ``layered`` 1, the others, and with
-                                  diffraction all, 2)
+                                  diffraction all, 2; but 1 where there are less than 4
+                                  samples a pixel, except in ``paper``)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
     ``filters``                   special effects, applied to the finished picture in their
@@ -117,8 +118,13 @@ def focus(
         rim = VIGNETTING_LENS_POINTS if lens.vignetting > 0 else 1
         lens_points = max(LENS_POINTS[method], rim)
     if squares is None:
-        fine = isinstance(psf, Aperture) and psf.diffracts
-        squares = max(SQUARES[method], DIFFRACTION_SQUARES if fine else 1)
+        squares = SQUARES[method]
+        if method != "paper":
+            if isinstance(psf, Aperture) and psf.diffracts:
+                squares = DIFFRACTION_SQUARES
+            # No more than there are samples: squares without any show nothing.
+            window = samples.window[2] * samples.window[3]
+            squares = max(1, min(squares, math.isqrt(len(samples) // window)))
     if method == "paper":
         form = functools.partial(
             equation_20,

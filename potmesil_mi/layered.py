@@ -543,13 +543,16 @@ class _Group:
         for partial, part, size in zip(partials, self.parts[1:], self.sizes[1:], strict=True):
             if part.start < part.stop:
                 images.extend(self._by_points(partial, part, size, channels))
-        near = [_spread_a_little(image, kernel) for image, kernel in images if kernel.size <= 9]
-        far = [(image, kernel) for image, kernel in images if kernel.size > 9]
-        if far:
-            near.append(self._spread_far(far))
-        if not near:
-            return np.zeros((0, 0, channels), dtype=np.float32), self.left, self.top
-        return sum(near[1:], start=near[0]), self.left, self.top
+        least = 9 if self.diffracts else 10  # Patterns of 3 x 3 are not separable.
+        far = [(image, kernel) for image, kernel in images if kernel.size >= least]
+        total = self._spread_far(far) if far else None
+        for image, kernel in images:
+            if kernel.size < least:
+                _spread_a_little(image, kernel)
+                total = image if total is None else np.add(total, image, out=total)
+        if total is None:
+            total = np.zeros((0, 0, channels), dtype=np.float32)
+        return total, self.left, self.top
 
     def _spread_far(self, images: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """The sum of images spread by their kernels, by one inverse transform."""
@@ -562,7 +565,7 @@ class _Group:
                 centred = np.roll(centred, (-(rows // 2), -(columns // 2)), axis=(0, 1))
                 spectrum = scipy.fft.rfft2(image, axes=(0, 1), overwrite_x=True)
                 spectrum *= scipy.fft.rfft2(centred)[..., None]
-                total = total + spectrum if total.size else spectrum
+                total = np.add(total, spectrum, out=total) if total.size else spectrum
             frame = (self.height, self.width)
             return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
 
@@ -794,17 +797,17 @@ def _variance(table: np.ndarray) -> float:
     return float((table.sum(axis=1) @ rows**2 + table.sum(axis=0) @ columns**2) / 2)
 
 
-def _spread_a_little(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """``image`` spread by a kernel of one square or, separable, of 3 x 3."""
+def _spread_a_little(image: np.ndarray, kernel: np.ndarray) -> None:
+    """Spread ``image`` in place by a kernel of one square, or symmetric, separable, of 3 x 3."""
+    if kernel.size == 1:
+        return
+    beside = np.empty_like(image)
     for axis, weights in enumerate((kernel.sum(axis=1), kernel.sum(axis=0))):
-        if len(weights) == 1:
-            continue
-        image = np.moveaxis(image, axis, 0)
-        spread = weights[1].astype(image.dtype) * image
-        spread[1:] += weights[0].astype(image.dtype) * image[:-1]
-        spread[:-1] += weights[2].astype(image.dtype) * image[1:]
-        image = np.moveaxis(spread, 0, axis)
-    return image
+        rows, others = (np.moveaxis(array, axis, 0) for array in (image, beside))
+        np.multiply(image, image.dtype.type(weights[0]), out=beside)
+        image *= image.dtype.type(weights[1])
+        rows[1:] += others[:-1]
+        rows[:-1] += others[1:]
 
 
 def _cropped(
