@@ -22,5 +22,7 @@ def require_number(name: str, value: Any, least: float = -math.inf, most: float 
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
         raise TypeError(f"{name}={value!r}: must be a number")
     if not (least <= float(value) <= most and math.isfinite(value)):
-        allowed = f"{least:g} to {most:g}" if math.isfinite(least) else "finite"
+        allowed = f"{least:g} to {most:g}"
+        if math.isinf(most):
+            allowed = "finite" if math.isinf(least) else f">= {least:g} and finite"
         raise ValueError(f"{name}={value}: must be {allowed}")

@@ -25,9 +25,8 @@ def described(text: str, what: str) -> tuple[str, dict[str, Any]]:
 
 def describe(name: str, parameters: dict[str, Any]) -> str:
     """The text of which :func:`described` makes the same name and parameters."""
-    return (
-        name + ":" * bool(parameters) + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
-    )
+    given = ",".join(f"{key}={_text(value)}" for key, value in parameters.items())
+    return f"{name}:{given}" if given else name
 
 
 def _text(value: Any) -> str:

@@ -53,10 +53,10 @@ def write_picture(image: mi.TensorXf, path: str | os.PathLike[str]) -> None:
     """Write linear RGB (A): ``.exr`` in float32, ``.png`` and ``.jpg`` in 8-bit sRGB."""
     path = require_writable(path, PICTURES)
     values = np.ascontiguousarray(image, dtype=np.float32)
-    if path.suffix.lower() != ".exr":
-        values = np.clip(values, 0, 1)  # Mitsuba's conversion makes black of some thousands
-    bitmap = mi.Bitmap(values)
-    if path.suffix.lower() != ".exr":
+    linear = path.suffix.lower() == ".exr"
+    # Clipped, for Mitsuba's conversion makes black of some thousands.
+    bitmap = mi.Bitmap(values if linear else np.clip(values, 0, 1))
+    if not linear:
         keep_alpha = path.suffix.lower() == ".png" and bitmap.has_alpha()
         pixel_format = mi.Bitmap.PixelFormat.RGBA if keep_alpha else mi.Bitmap.PixelFormat.RGB
         bitmap = bitmap.convert(pixel_format, mi.Struct.Type.UInt8, srgb_gamma=True)

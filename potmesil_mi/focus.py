@@ -19,7 +19,7 @@ from .filters import Filter, apply_filters, as_filters
 from .layered import see_through
 from .lens import ThinLens
 from .paper import equation_20
-from .psf import Aperture, PointSpreadFunction
+from .psf import Aperture, PointSpreadFunction, aperture_behind
 from .samples import PointSamples
 from .scene import require_vectorised_variant
 
@@ -28,7 +28,7 @@ OPTIONS = ("method", "lens_points", "tables", "inverse_square", "squares")
 MOST_TABLES = 10_000
 MOST_LENS_POINTS = 4096
 
-LENS_POINTS = {"layered": 32, "lightfield": 128, "paper": 1}
+LENS_POINTS = {"layered": 32, "lightfield": 128}
 VIGNETTING_LENS_POINTS = 128
 SQUARES = {"layered": 1, "lightfield": 2, "paper": 2}
 DIFFRACTION_SQUARES = 2
@@ -87,9 +87,9 @@ def focus(
     ============================  ==========================================================
 
     What ``layered`` and ``lightfield`` find out about samples is kept as long as they are, for
-    the next focus. Returns linear RGB (A), (height, width, 3 or 4), of the samples' crop window.
-    Raises ``ValueError`` or ``TypeError`` that names the parameter, ``RuntimeError`` in scalar
-    variants.
+    the next focus of any of the last four apertures. Returns linear RGB (A), (height, width, 3 or
+    4), of the samples' crop window. Raises ``ValueError`` or ``TypeError`` that names the
+    parameter, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("focus")
     options: dict[str, Any] = {
@@ -113,18 +113,8 @@ def focus(
             f"vignetting={lens.vignetting}: must be 0 for the method paper, whose tables are the "
             "same all over the picture"
         )
-    if lens_points is None:
-        # What the rim cuts is all formed by points.
-        rim = VIGNETTING_LENS_POINTS if lens.vignetting > 0 else 1
-        lens_points = max(LENS_POINTS[method], rim)
     if squares is None:
-        squares = SQUARES[method]
-        if method != "paper":
-            if isinstance(psf, Aperture) and psf.diffracts:
-                squares = DIFFRACTION_SQUARES
-            # No more than there are samples: squares without any show nothing.
-            window = samples.window[2] * samples.window[3]
-            squares = max(1, min(squares, math.isqrt(len(samples) // window)))
+        squares = _squares(method, samples, psf)
     if method == "paper":
         form = functools.partial(
             equation_20,
@@ -132,11 +122,11 @@ def focus(
             inverse_square=True if inverse_square is None else bool(inverse_square),
         )
     else:
-        form = functools.partial(
-            see_through,
-            lens_points=lens_points,
-            exact=method == "lightfield",
-        )
+        if lens_points is None:
+            # What the rim cuts is all formed by points.
+            least = VIGNETTING_LENS_POINTS if lens.vignetting > 0 else 1
+            lens_points = max(LENS_POINTS[method], least)
+        form = functools.partial(see_through, lens_points=lens_points, exact=method == "lightfield")
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     pictures = [
         reconstruct(*form(samples, lens, each, alpha=alpha, per_pixel=squares), squares, rfilter)
@@ -154,6 +144,16 @@ def focus(
         lens = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
         picture = apply_filters(picture, filters, lens, pixels_per_mm)
     return mi.TensorXf(picture.astype(np.float32))
+
+
+def _squares(method: str, samples: PointSamples, psf: PointSpreadFunction) -> int:
+    """Squares on a side of a pixel by default."""
+    if method == "paper":
+        return SQUARES[method]
+    squares = DIFFRACTION_SQUARES if aperture_behind(psf).diffracts else SQUARES[method]
+    # No more than there are samples: squares without any show nothing.
+    pixels = samples.window[2] * samples.window[3]
+    return max(1, min(squares, math.isqrt(len(samples) // pixels)))
 
 
 def film_options(film: mi.Film) -> dict[str, Any]:

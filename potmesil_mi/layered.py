@@ -32,7 +32,7 @@ from .disocclusion import parallax_scale
 from .elements import MOST_BINS, SHARE, Elements, scatter_mode
 from .lens import ThinLens
 from .progress import track
-from .psf import Aperture, Disc, PointSpreadFunction, disc_table
+from .psf import Aperture, PointSpreadFunction, aperture_behind, disc_table
 from .samples import PointSamples
 from .visibility import Turns, visibility, visibility_of_few
 
@@ -49,6 +49,9 @@ MOST_BRIGHT = 1 << 14
 """Most elements that are seen from ``MORE`` times as many lens points because they are bright."""
 
 MORE = 16
+
+MOST_KEPT = 4
+"""Apertures (and other questions) for which is kept what they see of samples: it is large."""
 
 CLOSED = 1e-9
 """What a closed aperture's circles have for a radius, in squares per unit of vergence."""
@@ -295,11 +298,19 @@ def _columns(elements: Elements, values: np.ndarray) -> dict[str, Any]:
 
 
 class _Kept:
-    """What has been found out about samples, by the questions that were asked."""
+    """What has been found out about samples, by the questions that were asked last."""
 
     def __init__(self) -> None:
         self.elements: dict[Any, Elements] = {}
-        self.layers: dict[Any, Layers] = {}
+        self.layers: dict[Any, dict[int, Layers]] = {}
+
+    def of_question(self, about: Any) -> dict[int, Layers]:
+        """Layers, by the size of their squares; those of the question asked first are given up."""
+        layers = self.layers.pop(about, {})
+        while len(self.layers) >= MOST_KEPT:
+            del self.layers[next(iter(self.layers))]
+        self.layers[about] = layers
+        return layers
 
 
 _kept: weakref.WeakKeyDictionary[PointSamples, _Kept] = weakref.WeakKeyDictionary()
@@ -331,17 +342,18 @@ def see_through(
         steps = round(math.log(scale) / math.log1p(2 * SIMILAR))
         similar = math.exp(steps * math.log1p(2 * SIMILAR))
 
-    # A function that is no more than its tables stands for light through a round aperture.
-    aperture = psf if isinstance(psf, Aperture) else Disc()
+    aperture = aperture_behind(psf)
     pupil = Pupil.of(aperture, lens, samples, lens_points, per_pixel)
     of_samples = (mi.variant(), per_pixel, alpha, similar, aperture.diffracts)
     about = (*of_samples, pupil.key)
 
+    kept = _kept.setdefault(samples, _Kept())
+    known = kept.of_question(about)
+
     def layers_at(factor: int) -> Layers:
-        kept = _kept.setdefault(samples, _Kept())
-        if (about, factor) not in kept.layers:
+        if factor not in known:
             if factor > 1:
-                layers = layers_at(1).coarser(factor)
+                known[factor] = layers_at(1).coarser(factor)
             else:
                 if of_samples not in kept.elements:
                     elements = Elements.of(samples, per_pixel, similar, alpha)
@@ -349,9 +361,8 @@ def see_through(
                         elements = elements.placed(samples, per_pixel)
                     kept.elements = {of_samples: elements}
                 elements = kept.elements[of_samples]
-                layers = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
-            kept.layers[about, factor] = layers
-        return kept.layers[about, factor]
+                known[factor] = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
+        return known[factor]
 
     left, top = (
         (offset - start) * per_pixel
@@ -385,7 +396,7 @@ def through_lens(
     what it counts in its pixel, for chance puts more samples here than there.
     """
     layers = layers_at(1)
-    diffracts = isinstance(psf, Aperture) and psf.diffracts
+    diffracts = aperture_behind(psf).diffracts
     channels = layers.whole.values.shape[1]
     # In the column of shares what is covered adds up.
     total = np.zeros((crop[3], crop[2], channels), dtype=np.float32)
@@ -497,7 +508,7 @@ class _Group:
         scale: float,
     ) -> None:
         self.layers, self.lens, self.psf, self.sign = layers, lens, psf, band.sign
-        self.diffracts = isinstance(psf, Aperture) and psf.diffracts
+        self.diffracts = aperture_behind(psf).diffracts
         self.squares_per_mm, self.scale = squares_per_mm / band.factor, scale / band.factor
         self.focused = 1 / float(lens.focus_distance)
         self.factor = band.factor

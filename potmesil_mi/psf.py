@@ -322,8 +322,8 @@ class Image(Aperture):
     def points(self, count: int) -> np.ndarray:
         """See :meth:`Aperture.points`: as dense as what it lets through."""
         height, width = self.transmission_map.shape
-        # Of a sequence that fills the square evenly (golden section and bits reversed), by the
-        # inverse of the distribution of rows, and in a row of columns.
+        # Of a sequence that fills the square evenly, by the golden section: by the inverse of the
+        # distribution of rows, and in a row of columns.
         k = np.arange(count)
         first = (k + 0.5) / count
         second = (0.5 + k * (math.sqrt(5) - 1) / 2) % 1
@@ -429,10 +429,10 @@ class Lommel(Aperture):
     def channels(self) -> tuple[PointSpreadFunction, ...]:
         """See :attr:`Aperture.channels`."""
         if isinstance(self.wavelengths, str):
-            lines = [tuple(_sensitivity(channel)) for channel in BANDS]
+            lines = [_sensitivity(channel) for channel in BANDS]
         else:
             lines = [((wavelength, 1.0),) for wavelength in self.wavelengths]
-        return tuple(_Lines(line, self.truncated, self.argument) for line in lines)
+        return tuple(_Channel(line, self.truncated, self.argument) for line in lines)
 
     def table(
         self,
@@ -443,12 +443,23 @@ class Lommel(Aperture):
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """See :meth:`PointSpreadFunction.table`: the mean of the channels."""
-        return _mean_table(
-            [
-                (channel.table(lens, depth, squares_per_mm, offset, largest), 1.0)
-                for channel in self.channels
-            ]
-        )
+        radius = abs(float(lens.circle_of_confusion(depth))) * squares_per_mm / 2
+        end = radius if self.truncated else math.inf
+        if end < HARDLY:
+            return disc_table(end, offset, largest)
+        tables = []
+        for wavelength, share in self._lines():
+            u, per_mm = (
+                abs(float(np.asarray(value)))
+                for value in optical_coordinates(lens, depth, 1.0, wavelength, self.argument)
+            )
+            pattern = (_significant(u), _significant(per_mm / squares_per_mm), _significant(end))
+            tables.append((_diffraction_table(*pattern, offset, largest), share))
+        return _mean_table(tables)
+
+    def _lines(self) -> list[tuple[float, float]]:
+        """Wavelengths in nm and their shares, in all 1 for each channel."""
+        return [line for channel in self.channels for line in channel._lines()]  # type: ignore[attr-defined]
 
     def corner_area(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """See :meth:`Aperture.corner_area`."""
@@ -456,8 +467,8 @@ class Lommel(Aperture):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Lines(Lommel):
-    """The patterns of some wavelengths in nm and their shares, added."""
+class _Channel(Lommel):
+    """The pattern of one channel; ``wavelengths`` are (nm, share)."""
 
     wavelengths: tuple[tuple[float, float], ...] = ()  # type: ignore[assignment]
 
@@ -469,29 +480,8 @@ class _Lines(Lommel):
         """See :attr:`Aperture.channels`."""
         return (self,)
 
-    def table(
-        self,
-        lens: ThinLens,
-        depth: float,
-        squares_per_mm: float,
-        offset: ArrayLike = (0.0, 0.0),
-        largest: tuple[int, int] | None = None,
-    ) -> np.ndarray:
-        """See :meth:`PointSpreadFunction.table`."""
-        radius = abs(float(lens.circle_of_confusion(depth))) * squares_per_mm / 2
-        tables = []
-        for wavelength, share in self.wavelengths:
-            u, per_mm = (
-                abs(float(np.asarray(value)))
-                for value in optical_coordinates(lens, depth, 1.0, wavelength, self.argument)
-            )
-            end = radius if self.truncated else math.inf
-            if end < HARDLY:
-                tables.append((disc_table(end, offset, largest), share))
-                continue
-            pattern = (_significant(u), _significant(per_mm / squares_per_mm), _significant(end))
-            tables.append((_diffraction_table(*pattern, offset, largest), share))
-        return _mean_table(tables)
+    def _lines(self) -> list[tuple[float, float]]:
+        return list(self.wavelengths)
 
 
 def aperture_of(description: Aperture | str) -> Aperture:
@@ -508,9 +498,13 @@ def aperture_of(description: Aperture | str) -> Aperture:
             f"aperture={description!r}: must be one of Disc(), Polygon(), Lommel(), Image(), or "
             "text such as polygon:blades=6"
         )
-    name, parameters = described(description, "aperture")
+    return aperture_with(*described(description, "aperture"))
+
+
+def aperture_with(name: str, parameters: Mapping[str, Any]) -> Aperture:
+    """The aperture of that name with these parameters; errors are those of :func:`aperture_of`."""
     if name not in APERTURES:
-        raise ValueError(f"aperture={description!r}: must be one of {', '.join(APERTURES)}")
+        raise ValueError(f"aperture={name!r}: must be one of {', '.join(APERTURES)}")
     kind: Any = APERTURES[name]
     known = [field.name for field in dataclasses.fields(kind)]
     if name == Image.name:
@@ -526,6 +520,11 @@ def aperture_of(description: Aperture | str) -> Aperture:
     if name == Image.name and not parameters:
         raise ValueError("filename: must be given for the aperture image")
     return kind(**parameters)
+
+
+def aperture_behind(psf: PointSpreadFunction) -> Aperture:
+    """The aperture that ``psf`` is; what is no more than its tables stands for a round one."""
+    return psf if isinstance(psf, Aperture) else Disc()
 
 
 APERTURES: Mapping[str, type[Aperture]] = {
@@ -719,8 +718,8 @@ def _mean_table(tables: list[tuple[np.ndarray, float]]) -> np.ndarray:
     return total / sum(weight for _, weight in tables)
 
 
-def _sensitivity(channel: int) -> list[tuple[float, float]]:
-    """Wavelengths in nm, and how much of each a channel of an sRGB film takes.
+def _sensitivity(channel: int) -> tuple[tuple[float, float], ...]:
+    """Wavelengths in nm, and which share of a channel of an sRGB film each has.
 
     The colour matching functions are the analytic fits of Wyman, Sloan and Shirley (2013).
     """
@@ -737,4 +736,5 @@ def _sensitivity(channel: int) -> list[tuple[float, float]]:
     z = lobe(1.217, 437.0, 0.0845, 0.0278) + lobe(0.681, 459.0, 0.0385, 0.0725)
     to_rgb = ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570))
     taken = sum(c * f for c, f in zip(to_rgb[channel], (x, y, z), strict=True))
-    return list(zip(wavelength.tolist(), np.maximum(taken, 0).tolist(), strict=True))
+    share = np.maximum(taken, 0) / np.maximum(taken, 0).sum()
+    return tuple(zip(wavelength.tolist(), share.tolist(), strict=True))

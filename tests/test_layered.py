@@ -381,6 +381,18 @@ def test_what_was_kept_of_one_question_does_not_answer_another(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_only_the_last_apertures_are_kept(method):
+    samples = synthetic(500)
+    apertures = [samples.lens.replace(f_number=n) for n in (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)]
+    first = picture(samples, lens=apertures[0], method=method)
+    for lens in apertures:
+        picture(samples, lens=lens, method=method)
+    kept = layered_module._kept[samples].layers
+    assert len(kept) == layered_module.MOST_KEPT
+    np.testing.assert_allclose(picture(samples, lens=apertures[0], method=method), first, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_samples_that_are_no_longer_needed_are_released(method):
     samples = with_parallax(overscanned(), 8.0)
     picture(samples, method=method)

@@ -11,19 +11,19 @@ import numpy as np
 
 from ..camera import Camera, horizontal_fov, orientation
 from ..lens import ThinLens
-from ..psf import SPECTRUM, Aperture, Disc, Image, Lommel, Polygon, aperture_of
+from ..psf import SPECTRUM, Aperture, Disc, Image, aperture_of, aperture_with
 
 DEFAULT_FOCAL_LENGTH = 50.0
 APERTURE_PARAMETERS = {
-    "blades": "polygon",
-    "blade_rotation": "polygon",
-    "blade_curvature": "polygon",
-    "wavelengths": "lommel",
-    "truncated": "lommel",
-    "argument": "lommel",
-    "aperture_image": "image",
+    "blades": ("polygon", "blades"),
+    "blade_rotation": ("polygon", "rotation"),
+    "blade_curvature": ("polygon", "curvature"),
+    "wavelengths": ("lommel", "wavelengths"),
+    "truncated": ("lommel", "truncated"),
+    "argument": ("lommel", "argument"),
+    "aperture_image": ("image", "filename"),
 }
-"""Parameters of apertures, and of which."""
+"""Parameters of apertures: of which, and their names there."""
 
 PROJECTION_PARAMETERS = {
     "near_clip": 1e-2,
@@ -317,29 +317,21 @@ class PotmesilSensor(mi.Sensor):
 def _aperture(props: mi.Properties) -> Aperture:
     """The aperture that the parameters describe."""
     name = props.get("aperture", Disc.name)
-    given = [parameter for parameter in APERTURE_PARAMETERS if parameter in props]
-    others = [parameter for parameter in given if APERTURE_PARAMETERS[parameter] != name]
-    if others:
-        raise ValueError(
-            f"{others[0]}: is for the aperture {APERTURE_PARAMETERS[others[0]]}, not for {name}"
-        )
-    if name == Polygon.name and given:
-        return Polygon(
-            props.get("blades", 6),
-            _number(props, "blade_rotation", 0.0),
-            _number(props, "blade_curvature", 0.0),
-        )
+    parameters: dict[str, Any] = {}
+    for parameter, (aperture, field) in APERTURE_PARAMETERS.items():
+        if parameter not in props:
+            continue
+        if name != aperture:
+            raise ValueError(f"{parameter}: is for the aperture {aperture}, not for {name}")
+        parameters[field] = props[parameter]
     if name == Image.name:
-        if "aperture_image" not in props:
+        if not parameters:
             raise ValueError("aperture_image: must name a picture for the aperture image")
-        return Image.load(str(mi.file_resolver().resolve(props["aperture_image"])))
-    if name == Lommel.name and given:
-        parameters = {key: props[key] for key in given}
-        wavelengths = parameters.get("wavelengths", SPECTRUM)
-        if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
-            parameters["wavelengths"] = _numbers("wavelengths", wavelengths)
-        return Lommel(**parameters)
-    return aperture_of(name)
+        parameters["filename"] = str(mi.file_resolver().resolve(parameters["filename"]))
+    wavelengths = parameters.get("wavelengths", SPECTRUM)
+    if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
+        parameters["wavelengths"] = _numbers("wavelengths", wavelengths)
+    return aperture_with(name, parameters) if parameters else aperture_of(name)
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:
