@@ -47,6 +47,9 @@ on a side of a square."""
 CORE, FINE = 8, 0.25
 """In so many squares around the middle of a diffraction pattern parts are of so much of v."""
 
+FINE_SIZE = 128
+"""Radius, in squares, of the table in which the variances of an aperture are measured."""
+
 ARC = 0.05
 """Angle in radians, at most, of the straight pieces of which a curved blade is made."""
 
@@ -85,7 +88,7 @@ class Aperture:
 
     name: ClassVar[str]
 
-    finest: ClassVar[float] = 8
+    finest: ClassVar[float] = 6
     """Radius of a circle, in grid squares, at which its table shows all there is to be seen."""
 
     diffracts: ClassVar[bool] = False
@@ -108,12 +111,22 @@ class Aperture:
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """See :meth:`PointSpreadFunction.table`."""
-        circle = float(lens.circle_of_confusion(depth)) * squares_per_mm / 2
-        radius = max(abs(circle), SHARP)
+        radius = float(lens.circle_of_confusion(depth)) * squares_per_mm / 2
+        return self.circle_table(radius, float(lens.squeeze), offset, largest)
+
+    def circle_table(
+        self,
+        radius: float,
+        squeeze: float = 1.0,
+        offset: ArrayLike = (0.0, 0.0),
+        largest: tuple[int, int] | None = None,
+    ) -> np.ndarray:
+        """The table of a circle of a radius in squares, positive nearer than what is focused."""
         offset = np.asarray(offset, dtype=np.float64)
-        if circle > 0:  # Nearer than what is focused: upside down.
-            return self._grid(radius, float(lens.squeeze), 1 - offset, largest)[..., ::-1, ::-1]
-        return self._grid(radius, float(lens.squeeze), offset, largest)
+        size = max(abs(radius), SHARP)
+        if radius > 0:  # Upside down.
+            return self._grid(size, squeeze, 1 - offset, largest)[..., ::-1, ::-1]
+        return self._grid(size, squeeze, offset, largest)
 
     def _grid(
         self,
@@ -137,6 +150,15 @@ class Aperture:
     def _area(self) -> float:
         beyond = np.array(2.0)
         return float(self.corner_area(beyond, beyond))
+
+    @functools.cached_property
+    def variances(self) -> tuple[float, float]:
+        """Variances of what the aperture lets through, across and down, in radii squared."""
+        table = self._grid(float(FINE_SIZE), 1.0, np.array([0.5, 0.5]), None)
+        places = (np.arange(len(table)) - len(table) // 2) / FINE_SIZE
+        weights = table.sum(axis=0), table.sum(axis=1)
+        across, down = (float(w @ places**2 - (w @ places) ** 2) for w in weights)
+        return across, down
 
     def corner_area(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """What the aperture lets through left of ``x`` and above ``y``, as an area.
@@ -358,8 +380,12 @@ class Image(Aperture):
             return NotImplemented
         return self.describe() == other.describe()
 
-    def __hash__(self) -> int:
+    @functools.cached_property
+    def _hash(self) -> int:
         return hash(self.transmission_map.tobytes())
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def __repr__(self) -> str:
         return f"Image({'x'.join(map(str, self.transmission_map.shape[::-1]))})"

@@ -183,7 +183,8 @@ def test_merging_keeps_the_light_of_every_layer_and_pixel_of_the_window():
 
 def test_merging_by_a_finer_step_changes_the_picture_less():
     samples = pm.render_samples(papers_scene(64), spp=64)
-    lens = samples.lens.replace(f_number=2.8)
+    # At small circles no method can tell merged samples from these.
+    lens = samples.lens.replace(f_number=0.7)
     image = np.array(pm.focus(samples, lens))
     errors, counts = [], []
     for tolerance in (4.0, 0.1):
@@ -191,8 +192,8 @@ def test_merging_by_a_finer_step_changes_the_picture_less():
         counts.append(len(merged))
         errors.append(np.sqrt(np.mean((np.array(pm.focus(merged, lens)) - image) ** 2)))
     assert counts[0] < counts[1] < len(samples) / 4
-    assert errors[1] < 2e-3
-    assert errors[1] <= errors[0]
+    assert errors[1] < 2e-4
+    assert errors[1] < errors[0] / 2
 
 
 def test_samples_on_a_lattice_are_not_merged():
