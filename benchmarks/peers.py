@@ -1,8 +1,9 @@
 """The focused picture beside those of other programs that blur a picture by its depth.
 
 All start from the same scene in one run. potmesil_mi focuses its point samples; GEGL's `lens-blur`
-and Blender's Defocus node are given a clean pinhole picture and its depth; Mitsuba's `thinlens` is
-given the time that potmesil_mi takes. The reference is a converged `thinlens`.
+and Blender's Defocus node are given the pinhole picture that the same samples make, and its depth,
+and then a pinhole picture of many more samples; Mitsuba's `thinlens` is given the time that
+potmesil_mi takes. The reference is a converged `thinlens`.
 
     python benchmarks/peers.py --install            # GEGL through apt, Blender (bpy) through pip
     python benchmarks/peers.py                      # 1920x1080, the largest circle 100 pixels
@@ -50,6 +51,7 @@ LONG = 60.0
 """Seconds from which on a peer is run just once."""
 PASS = 32
 """Samples a pixel of each rendering that the reference and the pinhole picture are the mean of."""
+GIVEN = ("same", "clean")
 FAR = 1e6
 """Depth in scene units, for the peers, of what is infinitely far away."""
 
@@ -80,7 +82,14 @@ def main() -> None:
     )
     options.add_argument("--spp", type=int, default=16, help="point samples a pixel")
     options.add_argument(
-        "--pinhole-spp", type=int, default=256, help="of the picture that the peers are given"
+        "--pinhole-spp", type=int, default=256, help="of the peers' other, cleaner picture"
+    )
+    options.add_argument(
+        "--given",
+        nargs="+",
+        choices=GIVEN,
+        default=list(GIVEN),
+        help="pictures that the peers blur: of our samples, or a cleaner one",
     )
     options.add_argument(
         "--floor",
@@ -111,23 +120,32 @@ def main() -> None:
         f"{2 * np.abs(inputs.radius).max():.1f} pixels"
     )
 
-    rows = [Row("pinhole picture, as given to the peers", inputs.pinhole)]
-    rows += ours(inputs, arguments)
+    same, rows = ours(inputs, arguments)
     rows += [
         thinlens_in(row.seconds, what, inputs, arguments)
-        for row, what in zip(rows[1:3], ("refocusing", "samples and focus"), strict=True)
+        for row, what in zip(rows[:2], ("refocusing", "samples and focus"), strict=True)
     ]
-    peers: dict[str, Callable[[Inputs, argparse.Namespace], Row]] = {
+    given = {
+        "same": Given("of the same samples", same, inputs.write("same", same)),
+        "clean": Given(
+            f"of {arguments.pinhole_spp} samples",
+            inputs.pinhole,
+            inputs.write("clean", inputs.pinhole),
+        ),
+    }
+    peers: dict[str, Callable[[Inputs, Given, argparse.Namespace], Row]] = {
         "gegl": gegl,
         "blender": blender,
     }
-    for name, run in peers.items():
-        if name in arguments.skip:
-            continue
-        try:
-            rows.append(run(inputs, arguments))
-        except (OSError, RuntimeError, subprocess.SubprocessError) as error:
-            console.print(f"[red]{name} is left out:[/red] {error}")
+    for picture in (given[name] for name in arguments.given):
+        rows.append(Row(f"pinhole picture {picture.name}", picture.picture))
+        for name, run in peers.items():
+            if name in arguments.skip:
+                continue
+            try:
+                rows.append(run(inputs, picture, arguments))
+            except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+                console.print(f"[red]{name} is left out:[/red] {error}")
     show(rows, inputs, arguments)
 
 
@@ -139,6 +157,15 @@ class Row:
     picture: np.ndarray
     seconds: float = math.nan
     command: float = math.nan
+
+
+@dataclasses.dataclass
+class Given:
+    """A picture through a pinhole that the peers blur, and its file."""
+
+    name: str
+    picture: np.ndarray
+    file: Path
 
 
 def show(rows: list[Row], inputs: Inputs, arguments: argparse.Namespace) -> None:
@@ -170,9 +197,7 @@ def show(rows: list[Row], inputs: Inputs, arguments: argparse.Namespace) -> None
         f"run where it takes more than {LONG:g} s). command s: the whole program, with start, "
         "reading and writing. PSNR: linear RGB, and sRGB, clipped to [0, 1]. SSIM, FLIP: sRGB, "
         f"FLIP at {metrics.PIXELS_PER_DEGREE:g} pixels a degree. Reference of "
-        f"{inputs.reference.count * PASS} samples a pixel, pinhole picture of "
-        f"{arguments.pinhole_spp}. "
-        f"Pictures: {inputs.folder}"
+        f"{inputs.reference.count * PASS} samples a pixel. Pictures: {inputs.folder}"
     )
     if inputs.reference.floor < arguments.floor:
         console.print(f"[red]below the {arguments.floor:g} dB asked for: more --reference-spp")
@@ -226,9 +251,6 @@ class Inputs:
                 lambda seed: self.render(self.lens, PASS, seed) + light.through(self.lens, seed),
             )
 
-        self.picture_file = self.folder / "pinhole.exr"
-        mi.Bitmap(self.pinhole).write(str(self.picture_file))
-
     def mean(self, name: str) -> Reference:
         """What is kept of the mean of pictures of ``PASS`` samples a pixel."""
         return Reference.open(self.folder / f"{name}.npz", (self.width, self.height), PASS)
@@ -241,10 +263,10 @@ class Inputs:
             mi.render(self.scene, sensor=sensor, integrator=self.integrator, spp=spp, seed=seed)
         )
 
-    def write_channel(self, name: str, values: np.ndarray) -> Path:
-        """A picture of one channel in single precision."""
+    def write(self, name: str, values: np.ndarray) -> Path:
+        """A picture (H, W, 1 or 3) in single precision."""
         path = self.folder / f"{name}.exr"
-        mi.Bitmap(np.ascontiguousarray(values[..., None], dtype=np.float32)).write(str(path))
+        mi.Bitmap(np.ascontiguousarray(values, dtype=np.float32)).write(str(path))
         return path
 
 
@@ -279,8 +301,11 @@ def converge(
 # ---------------------------------------------------------------- Mitsuba
 
 
-def ours(inputs: Inputs, arguments: argparse.Namespace) -> list[Row]:
-    """By each method: refocusing, and the first picture, for which the samples are taken."""
+def ours(inputs: Inputs, arguments: argparse.Namespace) -> tuple[np.ndarray, list[Row]]:
+    """By each method: refocusing, and the first picture, for which the samples are taken.
+
+    And the samples' picture through a pinhole.
+    """
     made: list[pm.PointSamples] = []
 
     def take() -> int:
@@ -316,7 +341,8 @@ def ours(inputs: Inputs, arguments: argparse.Namespace) -> list[Row]:
         name = f"potmesil_mi {method}"
         rows.append(Row(f"{name}, refocused", picture, steady))
         rows.append(Row(f"{name}, {arguments.spp} spp and focus", picture, taking + first))
-    return rows
+    closed = inputs.lens.replace(f_number=math.inf)
+    return np.array(pm.focus(made[0], closed, rfilter=rfilter)), rows
 
 
 def thinlens_in(seconds: float, what: str, inputs: Inputs, arguments: argparse.Namespace) -> Row:
@@ -333,7 +359,7 @@ def thinlens_in(seconds: float, what: str, inputs: Inputs, arguments: argparse.N
 # ---------------------------------------------------------------- GEGL
 
 
-def gegl(inputs: Inputs, arguments: argparse.Namespace) -> Row:
+def gegl(inputs: Inputs, given: Given, arguments: argparse.Namespace) -> Row:
     """`lens-blur`: every pixel is spread over its disc; near and far are not told apart.
 
     Its disc is half a pixel wider than asked for, which is taken off here. Its time is what it
@@ -342,10 +368,10 @@ def gegl(inputs: Inputs, arguments: argparse.Namespace) -> Row:
     if shutil.which("gegl") is None:
         raise RuntimeError("there is no command gegl: --install, or apt-get install gegl")
     radius = np.maximum(np.abs(inputs.radius) - 0.5, 0)
-    mask = inputs.write_channel("gegl_mask", radius / radius.max())
+    mask = inputs.write("gegl_mask", (radius / radius.max())[..., None])
     output = inputs.folder / "gegl.exr"
     blur = ["lens-blur", f"radius={radius.max():.6f}", "linear-mask=true"]
-    command = ["gegl", str(inputs.picture_file), "-o", str(output), "--"]
+    command = ["gegl", str(given.file), "-o", str(output), "--"]
     aux = ["aux=[", "load", f"path={mask}", "]"]
     environment = {**os.environ, "GEGL_DEBUG_TIME": "1", "GEGL_USE_OPENCL": "no"}
     inner, whole, reading = [], [], []
@@ -366,7 +392,7 @@ def gegl(inputs: Inputs, arguments: argparse.Namespace) -> Row:
         f"GEGL: {inner:.2f} s in lens-blur by its own count; its command takes {whole:.2f} s, "
         f"{whole - reading:.2f} s more than one that adds the two pictures in its place"
     )
-    return Row(f"GEGL {version}lens-blur", picture, inner, whole)
+    return Row(f"GEGL {version}lens-blur, {given.name}", picture, inner, whole)
 
 
 def gegl_seconds(log: str, operation: str) -> float:
@@ -453,7 +479,7 @@ print("RESULT", json.dumps({"version": bpy.app.version_string, "with": times, "w
 """
 
 
-def blender(inputs: Inputs, arguments: argparse.Namespace) -> Row:
+def blender(inputs: Inputs, given: Given, arguments: argparse.Namespace) -> Row:
     """The Defocus node, with the lens of the scene: it uses equation 8 of the paper."""
     python = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if not python.exists():
@@ -461,21 +487,21 @@ def blender(inputs: Inputs, arguments: argparse.Namespace) -> Row:
     output = inputs.folder / "blender.exr"
     # Blender's lengths are in metres.
     unit = inputs.lens.millimeters_per_unit / 1000
-    given = {
+    job = {
         "size": [inputs.width, inputs.height],
         "focal": inputs.lens.focal_length,
         "frame": inputs.lens.frame_width,
         "focus": inputs.lens.focus_distance * unit,
         "f_stop": inputs.lens.f_number,
         "blur_max": math.ceil(np.abs(inputs.radius).max()) + 1,
-        "picture": str(inputs.picture_file),
-        "depth": str(inputs.write_channel("depth", inputs.depth * unit)),
+        "picture": str(given.file),
+        "depth": str(inputs.write("depth", inputs.depth[..., None] * unit)),
         "output": str(output),
         "repeats": arguments.repeats,
         "long": LONG,
     }
     began = time.perf_counter()
-    log = run([str(python), "-c", BLENDER, json.dumps(given)])
+    log = run([str(python), "-c", BLENDER, json.dumps(job)])
     whole = time.perf_counter() - began
     result = re.search(r"^RESULT (.*)$", log, re.MULTILINE)
     if result is None:
@@ -487,7 +513,9 @@ def blender(inputs: Inputs, arguments: argparse.Namespace) -> Row:
         console.print("Blender: one run, without a warm-up")
     else:
         whole -= sum(report["with"][1:]) + sum(report["without"])
-    return Row(f"Blender {report['version']} Defocus", read_rgb(output), seconds, whole)
+    return Row(
+        f"Blender {report['version']} Defocus, {given.name}", read_rgb(output), seconds, whole
+    )
 
 
 # ---------------------------------------------------------------- programs

@@ -30,7 +30,8 @@ from .elements import BIN, SHARE, scatter_mode
 from .layers import Layers, Partial
 from .lens import ThinLens
 from .progress import track
-from .psf import Aperture, PointSpreadFunction, aperture_behind, disc_table
+from .psf import Aperture, PointSpreadFunction, aperture_behind
+from .tables import LINEAR, MIDDLE, SQUARE, cell_table, circle_table, without
 
 MOVED = 3
 """Squares on each side among which a spot is shared to be in its place."""
@@ -44,7 +45,7 @@ GROUPS = 4.0 ** np.arange(12)
 BRIGHT_FINEST = 5
 """So many times as many squares a radius there are for bright elements."""
 
-CELL, BRIGHT_CELL = 1.0, 1.6
+CELL, BRIGHT_CELL = 1.0, 1.7
 """Over what a lens point's share is spread, in radii of a disc of its part of the lens: single
 bright elements show gaps between points, of the others edges do."""
 
@@ -54,13 +55,11 @@ PARTING = math.sqrt(2)
 APART = math.sqrt(2)
 """Ratio, at most, of radii that have a table, if there are circles between them."""
 
+BETWEEN = 0.6
+"""Which part of the largest radius has a table too where circles are of both signs."""
+
 PATTERNS_APART = 2 ** (1 / 8)
 """The same where the pattern changes with the circle."""
-
-SQUARE, LINEAR = 1 / 12, 1 / 6
-"""Variance along an axis of a square, and of what is shared linearly by the squares around it."""
-
-MIDDLE = (0.5, 0.5)
 
 FAINTEST = 1e-5
 """Share of a square below which nothing is told from the rounding of the transforms."""
@@ -286,7 +285,8 @@ class _Sheet:
     def _knots(self) -> np.ndarray:
         """Radii, as few as will do, for which there are tables; with circles near each."""
         if self.inner == 0:
-            return np.array([0.0, self.radii.max()] if self.radii.any() else [0.0])
+            outer = float(self.radii.max(initial=0.0))
+            return np.array([0.0, BETWEEN * outer, outer] if outer > 0 else [0.0])
         radii = np.sort(self.radii)
         if len(radii) and radii[-1] - radii[0] <= BIN:
             return np.array([math.sqrt(radii[0] * radii[-1])])
@@ -335,12 +335,11 @@ class _Sheet:
     def spread(self) -> np.ndarray:
         """The elements' light, float32 (H, W, C), of which ``left`` and ``top`` are the first."""
         images = [(buffer.image(index), table) for buffer, index, table in self.images]
-        least = 9 if self.diffracts else 10  # Patterns of 3 x 3 are not separable.
-        far = [(image, kernel) for image, kernel in images if kernel.size >= least]
+        far = [(image, kernel) for image, kernel in images if kernel.ndim == 2]
         total = self._spread_far(far) if far else None
         for image, kernel in images:
-            if kernel.size < least:
-                _spread_a_little(image, kernel)
+            if kernel.ndim == 1:
+                image = _spread_a_little(image, kernel)
                 total = image if total is None else np.add(total, image, out=total)
         assert total is not None
         return total
@@ -490,8 +489,10 @@ class _Sheet:
         images: list[_Image] = []
         for octave, edge in enumerate(self.octaves):
             if octave == 0 or edge <= largest:
-                kernel = _cell_table(cell * edge)
+                kernel = cell_table(cell * edge)
                 if self.diffracts:
+                    if kernel.ndim == 1:
+                        kernel = np.outer(kernel, kernel)
                     kernel = scipy.signal.fftconvolve(kernel, self._in_focus())
                 images.append((buffer, octave, kernel))
         return images
@@ -514,11 +515,11 @@ class _Sheet:
         if self.diffracts:
             return self._exact_table(radius, 1.0)
         if radius == 0 or self.scale == 0:
-            return np.ones((1, 1))
+            return np.ones(1)
         smeared = self.smeared + (LINEAR if self.factor > 1 else 0)
         if isinstance(self.psf, Aperture) and type(self.psf).table is Aperture.table:
             squeeze = float(self.lens.squeeze)
-            return _geometric_table(self.psf, self.sign * radius, squeeze, smeared, self.largest)
+            return circle_table(self.psf, self.sign * radius, squeeze, smeared, self.largest)
         return without(smeared, functools.partial(self._exact_table, radius))
 
     def _exact_table(self, radius: float, finer: float) -> np.ndarray:
@@ -581,85 +582,21 @@ _Image = tuple[_Buffer, int, np.ndarray]
 """The buffer of an image, which of its pictures it is, and the table that is to spread it."""
 
 
-@functools.lru_cache(maxsize=256)
-def _cell_table(radius: float) -> np.ndarray:
-    """What spreads a lens point's share over its cell: of a disc's variance, but smoother.
-
-    It is a disc spread by an equal one, whose spectrum has no ripples to make rings of the points.
-    """
-    variance = radius**2 / 4
-    if variance < 1 / 3:
-        return _narrow(variance)
-    half = disc_table(2 * math.sqrt(variance / 2 - SQUARE))
-    table = scipy.signal.convolve2d(half, half)
-    table.setflags(write=False)
-    return table
-
-
-@functools.lru_cache(maxsize=256)
-def _geometric_table(
-    aperture: Aperture,
-    radius: float,
-    squeeze: float,
-    smeared: float,
-    largest: tuple[int, int] | None,
-) -> np.ndarray:
-    """The table of an aperture's circles of a signed radius in squares, see :func:`without`."""
-
-    def scaled(finer: float) -> np.ndarray:
-        most = None if largest is None else (round(largest[0] * finer), round(largest[1] * finer))
-        return aperture.circle_table(radius * finer, squeeze, MIDDLE, most)
-
-    across, down = aperture.variances
-    table = without(smeared, scaled, radius**2 * (across / squeeze**2 + down) / 2)
-    table.setflags(write=False)
-    return table
-
-
-def without(
-    smeared: float, table: Callable[[float], np.ndarray], variance: float | None = None
-) -> np.ndarray:
-    """A table that spreads squares as the point-spread function spreads points.
-
-    ``table(s)`` gives the integrals over squares, for a distribution s times as large: they
-    smear it by a square, as gathering samples by square has done already. So, and for what
-    else has ``smeared`` it, a variance along an axis, the distribution, whose ``variance`` is
-    measured if it is not given, is made smaller.
-    """
-    if variance is None:
-        kernel = table(1.0)
-        # Of a few squares a table does not tell it: ask for it on squares a 16th as large.
-        small = max(kernel.shape) <= 11
-        variance = _variance(table(16.0)) / 256 if small else _variance(kernel) - SQUARE
-    left = max(variance - smeared, 0)
-    if left < 1 / 3:
-        return _narrow(left)
-    return table(math.sqrt((left - SQUARE) / variance))
-
-
-def _narrow(variance: float) -> np.ndarray:
-    """A table of 3 x 3 squares of a variance along each axis, or of one."""
-    row = np.array([variance / 2, 1 - variance, variance / 2])
-    return np.outer(row, row) if variance > 0 else np.ones((1, 1))
-
-
-def _variance(table: np.ndarray) -> float:
-    """Mean variance along rows and columns."""
-    rows, columns = (np.arange(n) - n // 2 for n in table.shape)
-    return float((table.sum(axis=1) @ rows**2 + table.sum(axis=0) @ columns**2) / 2)
-
-
-def _spread_a_little(image: np.ndarray, kernel: np.ndarray) -> None:
-    """Spread ``image`` in place by a kernel of one square, or symmetric, separable, of 3 x 3."""
-    if kernel.size == 1:
-        return
+def _spread_a_little(image: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """``image`` spread by a short symmetric row along both axes; what it was is lost."""
+    middle = len(row) // 2
+    if middle == 0:
+        return image
     beside = np.empty_like(image)
-    for axis, weights in enumerate((kernel.sum(axis=1), kernel.sum(axis=0))):
-        rows, others = (np.moveaxis(array, axis, 0) for array in (image, beside))
-        np.multiply(image, image.dtype.type(weights[0]), out=beside)
-        image *= image.dtype.type(weights[1])
-        rows[1:] += others[:-1]
-        rows[:-1] += others[1:]
+    for axis in (0, 1):
+        spread = np.multiply(image, image.dtype.type(row[middle]))
+        to, of = np.moveaxis(spread, axis, 0), np.moveaxis(beside, axis, 0)
+        for step in range(1, middle + 1):
+            np.multiply(image, image.dtype.type(row[middle + step]), out=beside)
+            to[step:] += of[:-step]
+            to[:-step] += of[step:]
+        image = spread
+    return image
 
 
 @dataclasses.dataclass(frozen=True)
