@@ -111,9 +111,7 @@ class Elements:
             square, vergence, bin_, visible = located(part)
             weight = mi.Float(samples.weight[part]) * per_pixel**2
             alone = visible & dr.gather(mi.Bool, single, square)
-            red, green, blue = (
-                mi.Float(np.ascontiguousarray(channel)) for channel in samples.rgb[part].T
-            )
+            red, green, blue = dr.unravel(mi.Vector3f, mi.Float(samples.rgb[part].ravel()))
             values = mi.Vector4f(weight * red, weight * green, weight * blue, weight)
             dr.scatter_add(light, values, square, alone, mode=mode)
             values = mi.Vector2f(weight * mi.Float(samples.alpha[part]), weight * vergence)

@@ -439,18 +439,22 @@ class _HiddenSurfaceStage:
 
         ``group`` samples after each other are in one pixel.
         """
-        z = columns["z"].reshape(-1, group)
-        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(z.min()))
+        z = columns["z"]
+        nearest_of, farthest_of = (
+            np.asarray(dr.block_reduce(op, mi.Float(z), group))
+            for op in (dr.ReduceOp.Min, dr.ReduceOp.Max)
+        )
+        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(nearest_of.min()))
         if self.sampling.layers == 1 or scale == 0:
-            return np.zeros(z.size, dtype=bool)
+            return np.zeros(len(z), dtype=bool)
         left, top, width, height = self.window
         column = np.clip(np.floor(columns["x"][::group]).astype(np.int64) - left, 0, width - 1)
         row = np.clip(np.floor(columns["y"][::group]).astype(np.int64) - top, 0, height - 1)
         pixel = row * width + column
         nearest = np.full(width * height, np.inf, dtype=np.float32)
         farthest = np.zeros(width * height, dtype=np.float32)
-        np.minimum.at(nearest, pixel, z.min(axis=1))
-        np.maximum.at(farthest, pixel, z.max(axis=1))
+        np.minimum.at(nearest, pixel, nearest_of)
+        np.maximum.at(farthest, pixel, farthest_of)
         farthest[farthest == 0] = np.inf
         shape = (height, width)
         chosen = disoccluded(nearest.reshape(shape), farthest.reshape(shape), scale)
@@ -572,8 +576,8 @@ class _Columns:
     def __init__(self, capacity: int) -> None:
         self.count = 0
         self.arrays = _empty_columns(capacity)
-        self.arrays["weight"] = np.empty(capacity, dtype=np.float32)
-        self.arrays["layer"] = np.empty(capacity, dtype=np.uint8)
+        self.arrays["weight"] = _empty(mi.Float, capacity)
+        self.arrays["layer"] = _empty(mi.UInt8, capacity)
 
     def add(self, columns: dict[str, np.ndarray], **same: float) -> None:
         """Samples after those that there are; in ``same`` is what they have in common."""
@@ -593,10 +597,18 @@ class _Columns:
 
 
 def _empty_columns(count: int) -> dict[str, np.ndarray]:
-    columns = {name: np.empty(count, dtype=np.float32) for name in ("x", "y", "alpha", "z")}
-    columns["rgb"] = np.empty((count, 3), dtype=np.float32)
-    columns["surface"] = np.empty(count, dtype=np.uint32)
+    columns = {name: _empty(mi.Float, count) for name in ("x", "y", "alpha", "z")}
+    columns["rgb"] = _empty(mi.Float, 3 * count).reshape(count, 3)
+    columns["surface"] = _empty(mi.UInt32, count)
     return columns
+
+
+def _empty(kind: type, count: int) -> np.ndarray:
+    """Memory for numbers; on the CPU of Dr.Jit, which keeps it for the next samples.
+
+    What NumPy gives back to the system is slow to get again.
+    """
+    return np.asarray(dr.empty(kind, count))
 
 
 def _to_host(columns: dict[str, Any]) -> dict[str, np.ndarray]:

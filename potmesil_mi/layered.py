@@ -88,18 +88,19 @@ def see_through(
     kept = _kept.setdefault(samples, _Kept())
     known = kept.of_question(about)
 
+    # Here, for a function that called itself for it would keep the samples alive in a cycle.
+    if 1 not in known:
+        if of_samples not in kept.elements:
+            elements = Elements.of(samples, per_pixel, similar, alpha)
+            if aperture.diffracts:
+                elements = elements.placed(samples, per_pixel)
+            kept.elements = {of_samples: elements}
+        elements = kept.elements[of_samples]
+        known[1] = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
+
     def layers_at(factor: int) -> Layers:
         if factor not in known:
-            if factor > 1:
-                known[factor] = layers_at(1).coarser(factor)
-            else:
-                if of_samples not in kept.elements:
-                    elements = Elements.of(samples, per_pixel, similar, alpha)
-                    if aperture.diffracts:
-                        elements = elements.placed(samples, per_pixel)
-                    kept.elements = {of_samples: elements}
-                elements = kept.elements[of_samples]
-                known[factor] = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
+            known[factor] = known[1].coarser(factor)
         return known[factor]
 
     left, top = (

@@ -238,7 +238,8 @@ def _is_bright(elements: Elements) -> np.ndarray:
 
     There are no more than ``MOST_BRIGHT``.
     """
-    peak = elements.values[:, :SHARE].max(axis=1)
+    red, green, blue = elements.values.T[:SHARE]
+    peak = np.maximum(np.maximum(red, green), blue)
     picture = np.zeros((elements.height, elements.width), dtype=np.float32)
     np.maximum.at(picture, (elements.y, elements.x), peak)
     around = scipy.ndimage.uniform_filter(picture, NEIGHBOURHOOD)[elements.y, elements.x]

@@ -94,11 +94,17 @@ class PointSamples:
             if column.shape != expected:
                 raise ValueError(f"{name}: has shape {column.shape}, must have {expected}")
             object.__setattr__(self, name, column)
-        valid = np.isfinite(self.rgb[:, 0])
-        for values in (*self.rgb.T[1:], self.alpha, self.x, self.y, self.weight):
-            valid &= np.isfinite(values)
-        valid &= (self.z > 0) & (self.weight > 0)
-        if not valid.all():
+        finite = (self.rgb, self.alpha, self.x, self.y, self.weight)
+        positive = (self.z, self.weight)
+        if not (
+            all(np.isfinite(values).all() for values in finite)
+            and all((values > 0).all() for values in positive)
+        ):
+            valid = np.isfinite(self.rgb).all(axis=1)
+            for values in finite[1:]:
+                valid &= np.isfinite(values)
+            for values in positive:
+                valid &= values > 0
             for name in _COLUMNS:
                 object.__setattr__(self, name, getattr(self, name)[valid])
             warnings.warn(

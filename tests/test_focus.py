@@ -1,5 +1,7 @@
 import dataclasses
+import gc
 import itertools
+import weakref
 
 import brute_force
 import mitsuba as mi
@@ -196,6 +198,21 @@ def test_circles_larger_than_the_film_are_averaged(method):
     image = focused(samples, lens, method=method)
     mean = np.average(samples.rgb, axis=0, weights=samples.weight)
     np.testing.assert_allclose(image, np.broadcast_to(mean, image.shape), atol=1e-3)
+
+
+@every_method
+def test_samples_that_nobody_holds_are_given_up_at_once(method):
+    gc.collect()
+    gc.disable()
+    try:
+        samples = pm.render_samples(papers_scene(16), spp=4)
+        for aperture in (pm.Disc(), pm.Lommel()):
+            pm.focus(samples, samples.lens.replace(aperture=aperture), method=method)
+        kept = weakref.ref(samples)
+        del samples
+        assert kept() is None
+    finally:
+        gc.enable()
 
 
 @every_method
