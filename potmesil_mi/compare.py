@@ -468,22 +468,24 @@ def _timed_stages(
     form: Callable[[PointSamples, ThinLens], np.ndarray],
     lens: ThinLens,
 ) -> _Stages:
+    def new_samples() -> tuple[float, float]:
+        """Seconds of taking samples that are not kept, and of their first picture."""
+        samples, seconds = _timed(take_samples)
+        return seconds, _timed(partial(form, samples, lens))[1]
+
     samples, sampling_first = _timed(take_samples)
     picture, focus_first = _timed(lambda: form(samples, lens))
-    again: list[float] = []
-    compiled: list[float] = []
-    while not again or (len(again) < REPEATS and again[0] < LONG):
-        samples, seconds = _timed(take_samples)
-        again.append(seconds)
-        compiled.append(_timed(partial(form, samples, lens))[1])
+    again = [new_samples()]
+    while len(again) < REPEATS and again[0][0] < LONG:
+        again.append(new_samples())
     # Slightly refocused, so that no result of the lens itself can be used again.
     others = [
         lens.replace(focus_distance=lens.focus_distance * (1 + number / 100))
         for number in range(1, REPEATS + 1)
     ]
     steady = statistics.median(_timed(partial(form, samples, other))[1] for other in others)
-    sampling = (sampling_first, statistics.median(again))
-    first_picture = statistics.median(map(sum, zip(again, compiled, strict=True)))
+    sampling = (sampling_first, statistics.median(taking for taking, _ in again))
+    first_picture = statistics.median(map(sum, again))
     return _Stages(picture, len(samples), sampling, focus_first, steady, first_picture)
 
 
