@@ -55,6 +55,9 @@ PARTING = math.sqrt(2)
 APART = math.sqrt(2)
 """Ratio, at most, of radii that have a table, if there are circles between them."""
 
+SMALL, SMALL_APART = 1 << 17, 1.25
+"""The same in a part of the window of up to so many squares, where more tables cost little."""
+
 BETWEEN = 0.6
 """Which part of the largest radius has a table too where circles are of both signs."""
 
@@ -64,7 +67,7 @@ PATTERNS_APART = 2 ** (1 / 8)
 FAINTEST = 1e-5
 """Share of a square below which nothing is told from the rounding of the transforms."""
 
-ROWS = 64
+ROWS = 32
 """Rows of a picture that are worked on at once: they stay near the processor."""
 
 
@@ -270,7 +273,6 @@ class _Sheet:
             octaves = max(1, math.ceil(math.log2(self.outer / self.inner) - 1e-3))
             self.octaves = [self.inner * 2**i for i in range(octaves)]
         self.bins, self.radii = self._radii()
-        self.knots = self._knots()
 
     def _radii(self) -> tuple[np.ndarray, np.ndarray]:
         """The bins that have elements of ``whole``, and their mean radii in squares."""
@@ -282,15 +284,18 @@ class _Sheet:
         these = slice(ends[0], ends[1] + 1)
         return bins[these], np.abs(vergences[these] - self.focused) * self.scale
 
-    def _knots(self) -> np.ndarray:
-        """Radii, as few as will do, for which there are tables; with circles near each."""
+    def _knots(self, area: int) -> np.ndarray:
+        """Radii, as few as will do, for which there are tables; with circles near each.
+
+        ``area`` is that, in squares, in which there are elements.
+        """
         if self.inner == 0:
             outer = float(self.radii.max(initial=0.0))
             return np.array([0.0, BETWEEN * outer, outer] if outer > 0 else [0.0])
         radii = np.sort(self.radii)
         if len(radii) and radii[-1] - radii[0] <= BIN:
             return np.array([math.sqrt(radii[0] * radii[-1])])
-        apart = PATTERNS_APART if self.diffracts else APART
+        apart = PATTERNS_APART if self.diffracts else APART if area > SMALL else SMALL_APART
         knots: list[float] = []
         next_ = 0
         while next_ < len(radii):
@@ -313,11 +318,12 @@ class _Sheet:
             return False
         left, top = (min(box[i] for box in boxes) for i in (0, 1))
         right, bottom = (max(box[i] for box in boxes) + 1 for i in (2, 3))
+        self.knots = self._knots((right - left) * (bottom - top))
         # Farther than the window is wide (and a square more to interpolate) nothing is seen.
         self.largest = (self.layers.whole.width + 2, self.layers.whole.height + 2)
         tables = [self._table(radius) for radius in self.knots]
-        wide = math.sqrt(2 / len(self.layers.partial.points)) * CELL
-        cells = math.ceil(self.outer * (1 + wide)) + 3
+        cell = math.sqrt(2 / len(self.layers.partial.points)) * CELL
+        cells = math.ceil(self.outer * (1 + cell)) + 3
         if self.diffracts:
             cells += max(self._in_focus().shape) // 2
         reach = max([cells, *(max(table.shape) // 2 + 1 for table in tables)]) + MOVED
@@ -336,12 +342,10 @@ class _Sheet:
         """The elements' light, float32 (H, W, C), of which ``left`` and ``top`` are the first."""
         images = [(buffer.image(index), table) for buffer, index, table in self.images]
         far = [(image, kernel) for image, kernel in images if kernel.ndim == 2]
-        total = self._spread_far(far) if far else None
+        total = self._spread_far(far) if far else np.zeros_like(images[0][0])
         for image, kernel in images:
             if kernel.ndim == 1:
-                image = _spread_a_little(image, kernel)
-                total = image if total is None else np.add(total, image, out=total)
-        assert total is not None
+                _add_spread(total, image, kernel)
         return total
 
     def _spread_far(self, images: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -582,21 +586,29 @@ _Image = tuple[_Buffer, int, np.ndarray]
 """The buffer of an image, which of its pictures it is, and the table that is to spread it."""
 
 
-def _spread_a_little(image: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """``image`` spread by a short symmetric row along both axes; what it was is lost."""
+def _add_spread(total: np.ndarray, image: np.ndarray, row: np.ndarray) -> None:
+    """Add ``image`` to ``total``, spread by a short symmetric row along both axes.
+
+    Along its border there must be nothing.
+    """
     middle = len(row) // 2
-    if middle == 0:
-        return image
-    beside = np.empty_like(image)
-    for axis in (0, 1):
-        spread = np.multiply(image, image.dtype.type(row[middle]))
-        to, of = np.moveaxis(spread, axis, 0), np.moveaxis(beside, axis, 0)
+    weights = row[middle:].astype(image.dtype)
+    for start in range(middle, len(image) - middle, ROWS):
+        end = min(start + ROWS, len(image) - middle)
+        down = image[start:end] * weights[0]
         for step in range(1, middle + 1):
-            np.multiply(image, image.dtype.type(row[middle + step]), out=beside)
-            to[step:] += of[:-step]
-            to[:-step] += of[step:]
-        image = spread
-    return image
+            pair = image[start - step : end - step] + image[start + step : end + step]
+            pair *= weights[step]
+            down += pair
+        if middle == 0:
+            total[start:end] += down
+            continue
+        for step in range(1, middle + 1):
+            pair = down[:, : -2 * step] + down[:, 2 * step :]
+            pair *= weights[step]
+            total[start:end, step:-step] += pair
+        down *= weights[0]
+        total[start:end] += down
 
 
 @dataclasses.dataclass(frozen=True)
