@@ -141,7 +141,6 @@ class Layers:
     whole: Elements
     partial: Partial
     bright: Partial
-    factor: int = 1
 
     @classmethod
     def of(cls, elements: Elements, scale: float, pupil: Pupil, spots: bool = True) -> Layers:
@@ -179,7 +178,7 @@ class Layers:
     def coarser(self, factor: int) -> Layers:
         """The same on squares, and in bins of depth, ``factor`` times as large."""
         whole = self.whole.coarser_linearly(factor)
-        return Layers(whole, self.partial.coarser(factor), self.bright, factor)
+        return Layers(whole, self.partial.coarser(factor), self.bright)
 
     @property
     def elements(self) -> list[Elements]:

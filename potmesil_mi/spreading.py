@@ -58,6 +58,9 @@ APART = math.sqrt(2)
 SMALL, SMALL_APART = 1 << 17, 1.25
 """The same in a part of the window of up to so many squares, where more tables cost little."""
 
+ALIKE = 0.06
+"""Radii that differ by no more than this part of them, or by ``BIN``, have one table."""
+
 BETWEEN = 0.6
 """Which part of the largest radius has a table too where circles are of both signs."""
 
@@ -96,8 +99,8 @@ def through_lens(
     before: list[_Sheet] = []
     for band in track(list(_bands(layers, lens, scale, finest)), "Focusing"):
         sheets = [
-            _Sheet(layers_at(factor), band, factor, kinds, lens, psf, squares_per_mm, scale)
-            for factor, kinds in band.sheets()
+            _Sheet(layers_at(coarse), band, factor, kinds, lens, psf, squares_per_mm, scale)
+            for coarse, factor, kinds in band.sheets()
         ]
         sheets = [sheet for sheet in sheets if sheet.starts(channels)]
         # While Dr.Jit makes the images of one group, those of the group before it are spread.
@@ -183,11 +186,17 @@ class _Band:
     factor: int
     bright: int
 
-    def sheets(self) -> list[tuple[int, tuple[bool, bool, bool]]]:
-        """Sizes of squares, and which of whole, partial and bright elements are on them."""
+    def sheets(self) -> list[tuple[int, int, tuple[bool, bool, bool]]]:
+        """Sizes of the squares of layers and of sheets, and which elements are on these.
+
+        Of whole, partial and bright ones; bright ones are the same in all layers.
+        """
         if self.bright == self.factor:
-            return [(self.factor, (True, True, True))]
-        return [(self.factor, (True, True, False)), (self.bright, (False, False, True))]
+            return [(self.factor, self.factor, (True, True, True))]
+        return [
+            (self.factor, self.factor, (True, True, False)),
+            (1, self.bright, (False, False, True)),
+        ]
 
 
 def _bands(layers: Layers, lens: ThinLens, scale: float, finest: float) -> Iterator[_Band]:
@@ -293,9 +302,12 @@ class _Sheet:
             outer = float(self.radii.max(initial=0.0))
             return np.array([0.0, BETWEEN * outer, outer] if outer > 0 else [0.0])
         radii = np.sort(self.radii)
-        if len(radii) and radii[-1] - radii[0] <= BIN:
+        alike = len(radii) > 0 and radii[-1] - radii[0] <= max(BIN, ALIKE * radii[0])
+        if alike and not self.diffracts:
             return np.array([math.sqrt(radii[0] * radii[-1])])
-        apart = PATTERNS_APART if self.diffracts else APART if area > SMALL else SMALL_APART
+        apart = APART if area > SMALL else SMALL_APART
+        if self.diffracts:
+            apart = PATTERNS_APART
         knots: list[float] = []
         next_ = 0
         while next_ < len(radii):
