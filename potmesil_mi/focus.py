@@ -195,7 +195,7 @@ def reconstruct(
         return fine
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * squares))
-    taps = response((np.arange(-margin, squares + margin) + 0.5) / squares - 0.5)
+    taps = response((np.arange(-margin, squares + margin) + 0.5) / squares - 0.5).tolist()
 
     def filtered(values: np.ndarray) -> np.ndarray:
         for axis in (0, 1):
