@@ -30,6 +30,9 @@ MOST_KEPT = 4
 CLOSED = 1e-9
 """What a closed aperture's circles have for a radius, in squares per unit of vergence."""
 
+SMALL = 1 << 17
+"""Squares of a part of the window up to which ``layered`` takes more tables."""
+
 EXACT_FINEST = 16
 """Where visibility is exact circles of at least twice this radius, in pixels, are spread on
 squares so much coarser that their radius there is no less; else those of an aperture's own."""
@@ -110,6 +113,7 @@ def see_through(
     width, height = (size * per_pixel for size in samples.camera.crop_size)
     squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
     finest = max(EXACT_FINEST * per_pixel if exact else 0, aperture.finest)
+    small = math.inf if exact else SMALL
     return through_lens(
-        layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm, finest
+        layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm, finest, small
     )

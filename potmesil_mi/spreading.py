@@ -55,8 +55,8 @@ PARTING = math.sqrt(2)
 APART = math.sqrt(2)
 """Ratio, at most, of radii that have a table, if there are circles between them."""
 
-SMALL, SMALL_APART = 1 << 17, 1.25
-"""The same in a part of the window of up to so many squares, where more tables cost little."""
+SMALL_APART = 1.25
+"""The same in small parts of the window, where more tables cost little."""
 
 ALIKE = 0.06
 """Radii that differ by no more than this part of them, or by ``BIN``, have one table."""
@@ -82,13 +82,15 @@ def through_lens(
     scale: float,
     squares_per_mm: float,
     finest: float,
+    small: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The picture that ``lens`` forms of layers, float32 (height, width, 3 or 4).
 
     ``layers_at`` gives the layers on squares so many times as large. ``crop`` is the left, top,
     width and height of the picture in squares of the window, ``scale`` the radius of the circle
     in squares per unit of vergence; circles of a radius of twice ``finest`` squares or more are
-    spread on coarser ones. Squares that no light reaches are 0.
+    spread on coarser ones. In parts of the window of up to ``small`` squares tables are closer to
+    each other. Squares that no light reaches are 0.
 
     Also returns the light that reaches each square, float32 (height, width), 1 on the average:
     what it counts in its pixel, for chance puts more samples here than there.
@@ -99,7 +101,7 @@ def through_lens(
     before: list[_Sheet] = []
     for band in track(list(_bands(layers, lens, scale, finest)), "Focusing"):
         sheets = [
-            _Sheet(layers_at(coarse), band, factor, kinds, lens, psf, squares_per_mm, scale)
+            _Sheet(layers_at(coarse), band, factor, kinds, lens, psf, squares_per_mm, scale, small)
             for coarse, factor, kinds in band.sheets()
         ]
         sheets = [sheet for sheet in sheets if sheet.starts(channels)]
@@ -259,12 +261,13 @@ class _Sheet:
         psf: PointSpreadFunction,
         squares_per_mm: float,
         scale: float,
+        small: float,
     ) -> None:
         self.layers, self.lens, self.psf, self.sign = layers, lens, psf, band.sign
         self.diffracts = aperture_behind(psf).diffracts
         self.squares_per_mm, self.scale = squares_per_mm / factor, scale / factor
         self.focused = 1 / float(lens.focus_distance)
-        self.factor = factor
+        self.factor, self.small = factor, small
         # What interpolation between coarser squares adds, less what their size leaves out.
         steps = 0.25 ** np.arange(round(math.log2(factor)))
         self.smeared = 3 / 16 * steps.sum() - SQUARE / factor**2 + (factor == 1) * SQUARE
@@ -305,7 +308,7 @@ class _Sheet:
         alike = len(radii) > 0 and radii[-1] - radii[0] <= max(BIN, ALIKE * radii[0])
         if alike and not self.diffracts:
             return np.array([math.sqrt(radii[0] * radii[-1])])
-        apart = APART if area > SMALL else SMALL_APART
+        apart = APART if area > self.small else SMALL_APART
         if self.diffracts:
             apart = PATTERNS_APART
         knots: list[float] = []
