@@ -608,7 +608,9 @@ def _empty(kind: type, count: int) -> np.ndarray:
 
     What NumPy gives back to the system is slow to get again.
     """
-    return np.asarray(dr.empty(kind, count))
+    if dr.backend_v(kind) == dr.JitBackend.LLVM:
+        return np.asarray(dr.empty(kind, count))
+    return np.empty(count, dtype=np.asarray(dr.empty(kind, 1)).dtype)
 
 
 def _to_host(columns: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -94,17 +94,10 @@ class PointSamples:
             if column.shape != expected:
                 raise ValueError(f"{name}: has shape {column.shape}, must have {expected}")
             object.__setattr__(self, name, column)
-        finite = (self.rgb, self.alpha, self.x, self.y, self.weight)
-        positive = (self.z, self.weight)
-        if not (
-            all(np.isfinite(values).all() for values in finite)
-            and all((values > 0).all() for values in positive)
-        ):
-            valid = np.isfinite(self.rgb).all(axis=1)
-            for values in finite[1:]:
-                valid &= np.isfinite(values)
-            for values in positive:
-                valid &= values > 0
+        if not all(condition.all() for condition in self._conditions()):
+            valid = np.logical_and.reduce(
+                [condition.reshape(count, -1).all(axis=1) for condition in self._conditions()]
+            )
             for name in _COLUMNS:
                 object.__setattr__(self, name, getattr(self, name)[valid])
             warnings.warn(
@@ -115,6 +108,13 @@ class PointSamples:
             )
         if len(self) == 0:
             raise ValueError("no samples: there must be at least one with finite radiance")
+
+    def _conditions(self) -> Iterator[np.ndarray]:
+        """What has to be true of the samples, bool (N,) or (N, 3) each."""
+        for values in (self.rgb, self.alpha, self.x, self.y, self.weight):
+            yield np.isfinite(values)
+        for values in (self.z, self.weight):
+            yield values > 0
 
     def __len__(self) -> int:
         return len(self.x)

@@ -590,11 +590,14 @@ class _Buffer:
 
     def image(self, index: int) -> np.ndarray:
         """One of the pictures, float32 (H, W, C)."""
-        image = np.asarray(self.colours).reshape(*self.shape, 4)[index]
-        if self.alpha is None:
-            return image
-        alpha = np.asarray(self.alpha).reshape(*self.shape, 1)[index]
-        return np.concatenate([image, alpha], axis=-1)
+        parts = [part[index] for part in self._on_host]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+    @functools.cached_property
+    def _on_host(self) -> list[np.ndarray]:
+        """All pictures, (count, H, W, 4), and their alpha, (count, H, W, 1), if there is any."""
+        parts = [part for part in (self.colours, self.alpha) if part is not None]
+        return [np.asarray(part).reshape(*self.shape, -1) for part in parts]
 
 
 _Image = tuple[_Buffer, int, np.ndarray]
