@@ -93,8 +93,8 @@ fi
 # ------------------------------------------------------------------ LLVM
 
 # The package's own rule decides; -I keeps its folder off the module path.
-llvm_problem() { .venv/bin/python -I potmesil_mi/llvm.py 2>&1; }
-constant() { sed -n "s/^$1 = //p" potmesil_mi/llvm.py; }
+llvm_problem() { .venv/bin/python -I potmesil_mi/_llvm.py 2>&1; }
+constant() { sed -n "s/^$1 = //p" potmesil_mi/_llvm.py; }
 
 # The tested version's package if apt offers it, else that of the newest usable one.
 llvm_package() {

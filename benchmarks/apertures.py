@@ -20,8 +20,9 @@ import numpy as np
 from common import console, timed
 
 import potmesil_mi as pm
-from potmesil_mi import layered, psf
-from potmesil_mi.metrics import psnr
+from potmesil_mi.evaluation.metrics import psnr
+from potmesil_mi.focusing import layered
+from potmesil_mi.optics import psf
 
 sys.path.insert(0, str(common.ROOT / "tests"))
 

@@ -20,7 +20,7 @@ import scipy
 from common import console, first_and_steady
 from scipy.special import j0, j1
 
-from potmesil_mi.diffraction import encircled_energy, lommel_intensity
+from potmesil_mi.optics.diffraction import encircled_energy, lommel_intensity
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(32)
 SEED = 1981

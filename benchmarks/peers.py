@@ -40,9 +40,9 @@ from references import LampLight, Reference, scene_version
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import potmesil_mi as pm
-from potmesil_mi import metrics
-from potmesil_mi.compare import thinlens_sensor
-from potmesil_mi.focus import METHODS
+from potmesil_mi.evaluation import metrics
+from potmesil_mi.evaluation.compare import thinlens_sensor
+from potmesil_mi.focusing.api import METHODS
 
 FOLDER = common.OUTPUT / "peers"
 VENV = FOLDER / "venv"

@@ -21,7 +21,7 @@ from common import console, first_and_steady, timed
 from references import make_references, thinlens
 
 import potmesil_mi as pm
-from potmesil_mi.metrics import psnr
+from potmesil_mi.evaluation.metrics import psnr
 
 LEAST_FLOOR = 50.0
 GOALS = {"paper": 30.0, "paper, no 1/z²": 35.0}

@@ -26,9 +26,9 @@ from common import console, timed
 from references import Encoding, Reference, make_references, thinlens
 
 import potmesil_mi as pm
-from potmesil_mi import metrics
-from potmesil_mi.compare import thinlens_sensor
-from potmesil_mi.focus import METHODS
+from potmesil_mi.evaluation import metrics
+from potmesil_mi.evaluation.compare import thinlens_sensor
+from potmesil_mi.focusing.api import METHODS
 
 FOLDER = common.OUTPUT / "visibility_images"
 SCENES = common.ROOT / "scenes"

@@ -13,15 +13,14 @@ Importing it registers the plugins ``potmesil`` (sensor), ``point_samples`` and 
 
 from __future__ import annotations
 
-from . import llvm
+from . import _llvm as llvm
 
 llvm.require_usable()
 
 import mitsuba as mi  # noqa: E402
 
 from . import plugins  # noqa: E402
-from .camera import Camera  # noqa: E402
-from .filters import (  # noqa: E402
+from .filters.filters import (  # noqa: E402
     Defocus,
     Diffraction,
     Fade,
@@ -30,10 +29,10 @@ from .filters import (  # noqa: E402
     apply_filters,
     parse_filter,
 )
-from .focus import focus  # noqa: E402
-from .hidden_surface import Sampling, render_samples  # noqa: E402
-from .lens import DepthOfField, ThinLens  # noqa: E402
-from .psf import (  # noqa: E402
+from .focusing.api import focus  # noqa: E402
+from .optics.camera import Camera  # noqa: E402
+from .optics.lens import DepthOfField, ThinLens  # noqa: E402
+from .optics.psf import (  # noqa: E402
     Aperture,
     Disc,
     Image,
@@ -42,8 +41,9 @@ from .psf import (  # noqa: E402
     Polygon,
     aperture_of,
 )
-from .samples import PointSamples  # noqa: E402
-from .scene import potmesil_sensor  # noqa: E402
+from .samples.point_samples import PointSamples  # noqa: E402
+from .tracing.hidden_surface import Sampling, render_samples  # noqa: E402
+from .tracing.scene import potmesil_sensor  # noqa: E402
 
 __all__ = [
     "Aperture",

@@ -14,21 +14,21 @@ from typing import Any
 
 import mitsuba as mi
 
-from .compare import (
+from ._image import PICTURES, require_writable, write_picture
+from .evaluation.compare import (
     DIFFERENCE_FACTOR,
     FLOOR_MARGIN,
     REFERENCE_SPP,
     compare,
     output_paths,
 )
-from .files import PICTURES, require_writable, write_picture
-from .filters import FILTERS, as_filters
-from .focus import METHODS, OPTIONS, check_options, film_options, focus
-from .hidden_surface import PATTERNS, Sampling, render_samples
-from .lens import IMAGE_DISTANCES, ThinLens
-from .metrics import require_extra
-from .samples import PointSamples
-from .scene import has_lens, pick_sensor, potmesil_sensor
+from .evaluation.metrics import require_extra
+from .filters.filters import FILTERS, as_filters
+from .focusing.api import METHODS, OPTIONS, check_options, film_options, focus
+from .optics.lens import IMAGE_DISTANCES, ThinLens
+from .samples.point_samples import PointSamples
+from .tracing.hidden_surface import PATTERNS, Sampling, render_samples
+from .tracing.scene import has_lens, pick_sensor, potmesil_sensor
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 

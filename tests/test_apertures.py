@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from wave_optics import bright_point, fourier_optics, through_pinholes
 
 import potmesil_mi as pm
-from potmesil_mi import psf as psf_module
-from potmesil_mi.compare import thinlens_sensor
-from potmesil_mi.diffraction import encircled_energy, lommel_intensity, optical_coordinates
-from potmesil_mi.metrics import psnr
-from potmesil_mi.psf import aperture_of
+from potmesil_mi.evaluation.compare import thinlens_sensor
+from potmesil_mi.evaluation.metrics import psnr
+from potmesil_mi.optics import psf as psf_module
+from potmesil_mi.optics.diffraction import encircled_energy, lommel_intensity, optical_coordinates
+from potmesil_mi.optics.psf import aperture_of
 from scenes import papers_scene, still_life, synthetic
 
 HEART = (

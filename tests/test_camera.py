@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from potmesil_mi import Camera
-from potmesil_mi.camera import FOV_AXES, horizontal_fov, orientation
+from potmesil_mi.optics.camera import FOV_AXES, horizontal_fov, orientation
 
 ANGLES = st.floats(-360, 360)
 LEFT, UP, AHEAD = np.eye(3)

@@ -6,7 +6,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
-from potmesil_mi.files import write_picture
+from potmesil_mi._image import write_picture
 from scenes import OTHERS, SCENES
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import cli, metrics
-from potmesil_mi.compare import PICTURES, SAMPLERS, compare, output_paths, thinlens_sensor
+from potmesil_mi import cli
+from potmesil_mi.evaluation import metrics
+from potmesil_mi.evaluation.compare import (
+    PICTURES,
+    SAMPLERS,
+    compare,
+    output_paths,
+    thinlens_sensor,
+)
 from scenes import SCENES, papers_scene, still_life
 
 MODULE = sys.modules[compare.__module__]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.special import j0, j1, jn_zeros, jv
 
 from potmesil_mi import ThinLens
-from potmesil_mi.diffraction import (
+from potmesil_mi.optics.diffraction import (
     FIRST_AIRY_ZERO,
     FIRST_AXIAL_ZERO,
     HIGHEST_ORDER,

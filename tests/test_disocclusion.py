@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.disocclusion import (
+from potmesil_mi.tracing.disocclusion import (
     GROWTH,
     MOST_OVERSCAN,
     disoccluded,

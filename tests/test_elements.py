@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import elements as elements_module
-from potmesil_mi.elements import BIN, MOST_BINS, SHARE, Elements
+from potmesil_mi.focusing import fragments as elements_module
+from potmesil_mi.focusing.fragments import BIN, MOST_BINS, SHARE, Elements
 from scenes import overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.disocclusion import GROWTH, widest_parallax_scale
-from potmesil_mi.scene import closed_shapes, surface_ids
+from potmesil_mi.tracing.disocclusion import GROWTH, widest_parallax_scale
+from potmesil_mi.tracing.scene import closed_shapes, surface_ids
 from scenes import LENS, diffuse
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import hidden_surface
+from potmesil_mi.tracing import hidden_surface
 from scenes import papers_scene, pinhole_mean, still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

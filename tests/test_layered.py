@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import layered as layered_module
-from potmesil_mi.disocclusion import parallax_scale
-from potmesil_mi.elements import Elements
-from potmesil_mi.metrics import psnr
+from potmesil_mi.evaluation.metrics import psnr
+from potmesil_mi.focusing import layered as layered_module
+from potmesil_mi.focusing.fragments import Elements
+from potmesil_mi.tracing.disocclusion import parallax_scale
 from scenes import LENS, diffuse, overscanned, pinhole_mean, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

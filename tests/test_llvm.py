@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from potmesil_mi import llvm
+from potmesil_mi import _llvm as llvm
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -94,7 +94,7 @@ print("imported")
 """
 
 TRY_LLVM_TWICE = """
-from potmesil_mi import llvm
+from potmesil_mi import _llvm as llvm
 for _ in range(2):
     try:
         mi.set_variant("llvm_ad_rgb")

@@ -7,7 +7,7 @@ import OpenEXR
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import deep_exr
+from potmesil_mi.samples import deep_exr
 from scenes import overscanned, papers_scene, pinhole_mean, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from potmesil_mi import ThinLens, potmesil_sensor
-from potmesil_mi.camera import FOV_AXES
+from potmesil_mi.optics.camera import FOV_AXES
 
 REPOSITORY = Path(__file__).parents[1]
 ORIGIN, TARGET = [1.0, -2.0, 3.5], [0.0, 1.0, -1.0]

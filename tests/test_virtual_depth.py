@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from potmesil_mi.virtual_depth import has_specular, seen
+from potmesil_mi.tracing.virtual_depth import has_specular, seen
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi import visibility as visibility_module
-from potmesil_mi.elements import Elements
-from potmesil_mi.psf import lens_points
-from potmesil_mi.visibility import visibility, visibility_of_few
+from potmesil_mi.focusing import visibility as visibility_module
+from potmesil_mi.focusing.fragments import Elements
+from potmesil_mi.focusing.visibility import visibility, visibility_of_few
+from potmesil_mi.optics.psf import lens_points
 from scenes import synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

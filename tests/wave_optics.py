@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 from prysm.propagation import Wavefront
 
-from potmesil_mi.diffraction import optical_coordinates
+from potmesil_mi.optics.diffraction import optical_coordinates
 from scenes import synthetic
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..filters import Filter, parse_filter
-from ..focus import OPTIONS, check_options, film_options, focus
-from ..samples import PointSamples
-from ..scene import has_lens
+from ..filters.filters import Filter, parse_filter
+from ..focusing.api import OPTIONS, check_options, film_options, focus
+from ..samples.point_samples import PointSamples
+from ..tracing.scene import has_lens
 from .wrapper import WrapperIntegrator
 
 

@@ -9,9 +9,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..focus import film_options, focus
-from ..hidden_surface import WAVEFRONT, Sampling
-from ..samples import PointSamples
+from ..focusing.api import film_options, focus
+from ..samples.point_samples import PointSamples
+from ..tracing.hidden_surface import WAVEFRONT, Sampling
 from .wrapper import WrapperIntegrator
 
 AOVS = ("x", "y", "z", "id", "weight")

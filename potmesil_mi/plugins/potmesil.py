@@ -9,9 +9,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..camera import Camera, horizontal_fov, orientation
-from ..lens import ThinLens
-from ..psf import SPECTRUM, Aperture, Disc, Image, aperture_of, aperture_with
+from ..optics.camera import Camera, horizontal_fov, orientation
+from ..optics.lens import ThinLens
+from ..optics.psf import SPECTRUM, Aperture, Disc, Image, aperture_of, aperture_with
 
 DEFAULT_FOCAL_LENGTH = 50.0
 APERTURE_PARAMETERS = {

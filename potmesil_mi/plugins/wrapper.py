@@ -8,9 +8,9 @@ from typing import Any, NoReturn
 import mitsuba as mi
 import numpy as np
 
-from ..hidden_surface import Sampling, render_samples
-from ..samples import PointSamples
-from ..scene import pick_sensor, require_vectorised_variant
+from ..samples.point_samples import PointSamples
+from ..tracing.hidden_surface import Sampling, render_samples
+from ..tracing.scene import pick_sensor, require_vectorised_variant
 
 
 class WrapperIntegrator(mi.CppADIntegrator):

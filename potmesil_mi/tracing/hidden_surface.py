@@ -15,10 +15,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .checks import require_whole
+from .._progress import track
+from .._validation import require_whole
+from ..samples.point_samples import PointSamples
 from .disocclusion import disoccluded, overscan, widest_parallax_scale
-from .progress import track
-from .samples import PointSamples
 from .scene import (
     closed_shapes,
     pick_sensor,

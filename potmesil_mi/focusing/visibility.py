@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 import scipy.ndimage
 
-from .elements import BIN, MOST_BINS, SHARE, Elements
+from .fragments import BIN, MOST_BINS, SHARE, Elements
 
 TOLERANCE = 2
 """Bins within which elements do not cover each other: those of one slanted surface."""

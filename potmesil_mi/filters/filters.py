@@ -18,10 +18,10 @@ import scipy.fft
 import scipy.sparse
 import scipy.special
 
-from .checks import require_number, require_whole
-from .described import describe, described
-from .lens import ThinLens
-from .psf import disc_table
+from .._spec import describe, described
+from .._validation import require_number, require_whole
+from ..optics.lens import ThinLens
+from ..optics.psf import disc_table
 
 LEAST_WIDTH = 1.5
 """Width of a ray of :class:`Star` in pixels, at half its height, that is sampled without dots."""

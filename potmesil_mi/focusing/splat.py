@@ -26,12 +26,12 @@ import numpy as np
 import scipy.fft
 import scipy.signal
 
-from .elements import BIN, SHARE, scatter_mode
-from .layers import Layers, Partial
-from .lens import ThinLens
-from .progress import track
-from .psf import Aperture, PointSpreadFunction, aperture_behind
-from .tables import LINEAR, MIDDLE, SQUARE, cell_table, circle_table, without
+from .._progress import track
+from ..optics.lens import ThinLens
+from ..optics.psf import Aperture, PointSpreadFunction, aperture_behind
+from .fragments import BIN, SHARE, scatter_mode
+from .kernels import LINEAR, MIDDLE, SQUARE, cell_table, circle_table, without
+from .lens_view import Layers, Partial
 
 MOVED = 3
 """Squares on each side among which a spot is shared to be in its place."""

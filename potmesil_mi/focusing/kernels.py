@@ -13,7 +13,7 @@ import numpy as np
 import scipy.optimize
 import scipy.signal
 
-from .psf import Aperture, disc_table
+from ..optics.psf import Aperture, disc_table
 
 SQUARE, LINEAR = 1 / 12, 1 / 6
 """Variance along an axis of a square, and of what is shared linearly by the squares around it."""

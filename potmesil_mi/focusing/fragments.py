@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .samples import PointSamples
+from ..samples.point_samples import PointSamples
 
 BIN = 0.25
 """Samples of a square are gathered where their circles' radii differ less, in squares."""

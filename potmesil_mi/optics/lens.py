@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .checks import require_number
+from .._validation import require_number
 from .psf import Aperture, Disc, aperture_of
 
 ACUITY = 1e-3

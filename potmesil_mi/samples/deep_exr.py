@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from .camera import Camera
-from .files import require_writable, written_whole
-from .lens import ThinLens
-from .samples import PointSamples
+from .._image import require_writable, written_whole
+from ..optics.camera import Camera
+from ..optics.lens import ThinLens
+from .point_samples import PointSamples
 
 VERSION = 2
 

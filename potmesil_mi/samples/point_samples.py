@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from .camera import Camera
-from .checks import require_whole
-from .lens import ThinLens
+from .._validation import require_whole
+from ..optics.camera import Camera
+from ..optics.lens import ThinLens
 
 _COLUMNS = {
     "x": np.float32,

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import require_number, require_whole
-from .described import describe, described
+from .._spec import describe, described
+from .._validation import require_number, require_whole
 from .diffraction import encircled_energy, optical_coordinates
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ import math
 import numpy as np
 import scipy.ndimage
 
-from .camera import Camera
-from .lens import ThinLens
+from ..optics.camera import Camera
+from ..optics.lens import ThinLens
 
 MOST_OVERSCAN = 4
 """Most pixels of a window with overscan, per pixel of the crop window."""

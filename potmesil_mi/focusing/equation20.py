@@ -24,10 +24,10 @@ import numpy as np
 import scipy.fft
 import scipy.signal
 
-from .lens import ThinLens
-from .progress import track
-from .psf import PointSpreadFunction
-from .samples import PointSamples
+from .._progress import track
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction
+from ..samples.point_samples import PointSamples
 
 SCATTER = 1 << 21
 """Most samples that are scattered at once; it bounds the memory of a step."""

@@ -14,10 +14,10 @@ import mitsuba as mi
 import numpy as np
 import scipy.ndimage
 
-from .elements import SHARE, Elements
-from .lens import ThinLens
-from .psf import Aperture
-from .samples import PointSamples
+from ..optics.lens import ThinLens
+from ..optics.psf import Aperture
+from ..samples.point_samples import PointSamples
+from .fragments import SHARE, Elements
 from .visibility import Turns, visibility, visibility_of_few
 
 BRIGHT = 8

@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .lens import FULL_FRAME_WIDTH, ThinLens
+from ..optics.lens import FULL_FRAME_WIDTH, ThinLens
 
 
 def require_vectorised_variant(what: str) -> None:

@@ -14,14 +14,14 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .checks import require_whole
-from .filters import Filter, apply_filters, as_filters
+from .._validation import require_whole
+from ..filters.filters import Filter, apply_filters, as_filters
+from ..optics.lens import ThinLens
+from ..optics.psf import Aperture, PointSpreadFunction, aperture_behind
+from ..samples.point_samples import PointSamples
+from ..tracing.scene import require_vectorised_variant
+from .equation20 import equation_20
 from .layered import see_through
-from .lens import ThinLens
-from .paper import equation_20
-from .psf import Aperture, PointSpreadFunction, aperture_behind
-from .samples import PointSamples
-from .scene import require_vectorised_variant
 
 METHODS = ("layered", "lightfield", "paper")
 OPTIONS = ("method", "lens_points", "tables", "inverse_square", "squares")

@@ -23,15 +23,15 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from .._image import require_writable, write_picture
+from .._validation import require_whole
+from ..focusing.api import check_options, focus
+from ..optics.lens import ThinLens
+from ..optics.psf import Disc
+from ..samples.point_samples import PointSamples
+from ..tracing.hidden_surface import Sampling, render_samples
+from ..tracing.scene import pick_sensor, potmesil_sensor, require_vectorised_variant
 from . import metrics
-from .checks import require_whole
-from .files import require_writable, write_picture
-from .focus import check_options, focus
-from .hidden_surface import Sampling, render_samples
-from .lens import ThinLens
-from .psf import Disc
-from .samples import PointSamples
-from .scene import pick_sensor, potmesil_sensor, require_vectorised_variant
 
 SAMPLERS = ("multijitter", "orthogonal", "ldsampler")
 """Mitsuba's samplers among which the best one for ``thinlens`` is looked for."""

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .checks import require_whole
+from .._validation import require_whole
 
 STEP = 1e-3
 """How far from a ray the curvature of mirrors is probed, as a share of the ray's length: the

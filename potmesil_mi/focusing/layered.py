@@ -13,13 +13,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .disocclusion import parallax_scale
-from .elements import Elements
-from .layers import Layers, Pupil
-from .lens import ThinLens
-from .psf import PointSpreadFunction, aperture_behind
-from .samples import PointSamples
-from .spreading import through_lens
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction, aperture_behind
+from ..samples.point_samples import PointSamples
+from ..tracing.disocclusion import parallax_scale
+from .fragments import Elements
+from .lens_view import Layers, Pupil
+from .splat import through_lens
 
 SIMILAR = 0.025
 """Apertures that differ by no more see the same, as far as ``layered`` can tell."""

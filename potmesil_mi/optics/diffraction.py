@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import gammaln, j0, j1, jv
 
-from .checks import require_whole
+from .._validation import require_whole
 
 if TYPE_CHECKING:
     from .lens import ThinLens

@@ -1,0 +1,1 @@
+"""Special effects for the finished picture."""

@@ -1,0 +1,1 @@
+"""Point samples: what the two stages share, and how they are kept in files."""
