@@ -1,0 +1,93 @@
+"""Dr.Jit's array types of the backend in use, without Mitsuba.
+
+``from .. import _backend as jit`` and then ``jit.Float``, ``jit.UInt32``, ``jit.Array4f``: the
+types of Mitsuba's variant where one is set, and else those of the first backend that works.
+They are asked for at each use, since a user may change the variant at any time.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from . import _llvm
+
+if TYPE_CHECKING:
+    from drjit.llvm.ad import (
+        Array2f,
+        Array3f,
+        Array4f,
+        Bool,
+        Float,
+        Int32,
+        TensorXf,
+        UInt8,
+        UInt32,
+    )
+
+__all__ = [
+    "Array2f",
+    "Array3f",
+    "Array4f",
+    "Bool",
+    "Float",
+    "Int32",
+    "TensorXf",
+    "UInt8",
+    "UInt32",
+    "name",
+    "require_vectorised_variant",
+]
+
+
+def __getattr__(attribute: str) -> Any:
+    if attribute not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {attribute!r}")
+    return getattr(_arrays(name()), attribute)
+
+
+def variant() -> str | None:
+    """Mitsuba's variant; ``None`` where none is set, or Mitsuba has not been imported."""
+    mitsuba = sys.modules.get("mitsuba")
+    return None if mitsuba is None else mitsuba.variant()
+
+
+def name() -> str:
+    """The module of Dr.Jit whose types are in use, such as ``drjit.llvm.ad``.
+
+    Raises ``RuntimeError`` while a scalar variant is set, ``LLVMError`` where no variant is set
+    and there is neither a GPU nor an LLVM that can be used.
+    """
+    set_ = variant()
+    if set_ is None:
+        return _first_that_works()
+    if set_.startswith("scalar"):
+        require_vectorised_variant("potmesil_mi")
+    backend = set_.split("_", 1)[0]
+    return f"drjit.{backend}.ad" if "_ad_" in set_ else f"drjit.{backend}"
+
+
+def require_vectorised_variant(what: str) -> None:
+    """Raise ``RuntimeError`` that names ``what`` unless an LLVM or CUDA variant is set."""
+    set_ = variant()
+    if set_ is None or set_.startswith("scalar"):
+        raise RuntimeError(
+            f"{what}: needs a vectorised variant, but mi.variant() is {set_}; call "
+            "mi.set_variant('cuda_ad_rgb', 'llvm_ad_rgb') before the scene is loaded"
+        )
+
+
+@functools.cache
+def _first_that_works() -> str:
+    _llvm.require_usable()
+    import drjit as dr
+
+    return "drjit.cuda.ad" if dr.has_backend(dr.JitBackend.CUDA) else "drjit.llvm.ad"
+
+
+@functools.cache
+def _arrays(module: str) -> ModuleType:
+    return importlib.import_module(module)
