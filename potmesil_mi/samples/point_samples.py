@@ -10,13 +10,13 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
+from .raster import Window
 
 _COLUMNS = {
     "x": np.float32,
@@ -28,9 +28,6 @@ _COLUMNS = {
     "weight": np.float32,
     "layer": np.uint8,
 }
-
-# From here on float32 no longer tells neighbouring pixels apart.
-FARTHEST = 1 << 24
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -54,8 +51,8 @@ class PointSamples:
     ``surfaces``                  name of every surface id
     ``lattice``                   where positions are multiples of 1/lattice pixels: that
                                   number; 0 where they may be anywhere
-    ``window``                    left, top, width and height in pixels of what was sampled:
-                                  the crop window (default), or more with overscan
+    ``window``                    :class:`Window` of what was sampled: the crop window
+                                  (default), or more with overscan
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, or with depth or weight that is
@@ -76,17 +73,14 @@ class PointSamples:
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
     layer: np.ndarray = None  # type: ignore[assignment]
-    window: tuple[int, int, int, int] = None  # type: ignore[assignment]
+    window: Window = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         count = len(self.x)
         if self.layer is None:
             object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
-        if self.window is None:
-            window = (*self.camera.crop_offset, *self.camera.crop_size)
-        else:
-            window = _whole_window(self.window)
+        window = self.crop_window if self.window is None else Window.of(self.window)
         object.__setattr__(self, "window", window)
         for name, dtype in _COLUMNS.items():
             column = np.ascontiguousarray(getattr(self, name), dtype=dtype)
@@ -119,6 +113,11 @@ class PointSamples:
     def __len__(self) -> int:
         return len(self.x)
 
+    @property
+    def crop_window(self) -> Window:
+        """The window that the picture shows: the crop window of the camera."""
+        return Window(*self.camera.crop_offset, *self.camera.crop_size)
+
     def __repr__(self) -> str:
         width, height = self.camera.crop_size
         return (
@@ -143,10 +142,7 @@ class PointSamples:
         A sample on an edge between pixels belongs to the one on its right or below it; on the
         window's last edge, and beyond the window, to the nearest pixel.
         """
-        left, top, width, height = self.window
-        column = np.clip(np.floor(self.x).astype(np.int64) - left, 0, width - 1)
-        row = np.clip(np.floor(self.y).astype(np.int64) - top, 0, height - 1)
-        return row * width + column
+        return self.window.pixel_of(self.x, self.y)
 
     def merge(self, lens: ThinLens | None = None, tolerance: float = 0.1) -> PointSamples:
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
@@ -205,17 +201,3 @@ class PointSamples:
         from . import deep_exr
 
         return deep_exr.load(path)
-
-
-def _whole_window(window: Any) -> tuple[int, int, int, int]:
-    """The window as Python's whole numbers."""
-    try:
-        values = tuple(window)
-    except TypeError:
-        raise TypeError(f"window={window!r}: must be left, top, width and height") from None
-    if len(values) != 4:
-        raise ValueError(f"window={window!r}: must be left, top, width and height")
-    for i, (value, least) in enumerate(zip(values, (-FARTHEST, -FARTHEST, 1, 1), strict=True)):
-        require_whole(f"window[{i}]", value, least, FARTHEST)
-    left, top, width, height = (int(value) for value in values)
-    return left, top, width, height
