@@ -34,7 +34,7 @@ APERTURES = {
     "triangle": {"aperture": pm.Polygon(3)},
     "hexagon": {"aperture": pm.Polygon(6)},
     "five curved blades": {"aperture": pm.Polygon(5, 10.0, 0.3)},
-    "image": {"aperture": pm.Image(HEART)},
+    "image": {"aperture": pm.ImageAperture(HEART)},
     "squeeze 1.6": {"squeeze": 1.6},
     "vignetting 0.5": {"vignetting": 0.5},
 }
@@ -56,7 +56,7 @@ def main() -> None:
 
 def against_fourier_optics():
     """A bright point at f/22, 550 nm, in focus at 1000 mm and out of focus."""
-    size, lens = 97, pm.ThinLens(50, 22, 1000, aperture=pm.Lommel((550,)), image_distance="focused")
+    size, lens = 97, pm.ThinLens(50, 22, 1000, aperture=pm.Lommel((550,)), film="focused")
     result = common.table(
         "A bright point at f/22 against Fourier optics: largest error, as a share of the peak",
         ["pixel", "distance", "place in pixel", *METHODS],

@@ -35,7 +35,7 @@ from .optics.lens import DepthOfField, ThinLens  # noqa: E402
 from .optics.psf import (  # noqa: E402
     Aperture,
     Disc,
-    Image,
+    ImageAperture,
     Lommel,
     PointSpreadFunction,
     Polygon,
@@ -54,7 +54,7 @@ __all__ = [
     "Disc",
     "Fade",
     "Filter",
-    "Image",
+    "ImageAperture",
     "Lommel",
     "PointSamples",
     "PointSpreadFunction",

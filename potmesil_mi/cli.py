@@ -25,7 +25,7 @@ from .evaluation.compare import (
 from .evaluation.metrics import require_extra
 from .filters.filters import FILTERS, as_filters
 from .focusing.api import METHODS, OPTIONS, check_options, film_options, focus
-from .optics.lens import IMAGE_DISTANCES, ThinLens
+from .optics.lens import FILMS, ThinLens
 from .samples.point_samples import PointSamples
 from .tracing.hidden_surface import PATTERNS, Sampling, render_samples
 from .tracing.scene import has_lens, pick_sensor, potmesil_sensor
@@ -336,9 +336,7 @@ def _add_lens(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--millimeters-per-unit", type=float, metavar="S", help="size of a scene unit in mm"
     )
-    group.add_argument(
-        "--image-distance", choices=IMAGE_DISTANCES, help="film at F, or at the focused image"
-    )
+    group.add_argument("--film", choices=FILMS, help="film at F, or at the focused image")
     group.add_argument(
         "--aperture", metavar="SHAPE",
         help="disc, polygon:blades=6,rotation=15,curvature=0.2, image:filename=heart.png, or "
@@ -406,7 +404,7 @@ def _lens_options(options: argparse.Namespace) -> dict[str, Any]:
         "focal_length",
         "frame_width",
         "millimeters_per_unit",
-        "image_distance",
+        "film",
         "aperture",
         "squeeze",
         "vignetting",

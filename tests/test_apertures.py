@@ -20,7 +20,8 @@ from scenes import papers_scene, still_life, synthetic
 HEART = (
     np.add.outer(np.linspace(0.2, 1, 17), np.linspace(0, 0.5, 13)) * (np.arange(13) % 4 > 0) / 1.5
 )
-SHAPES = [pm.Disc(), pm.Polygon(6), pm.Polygon(5, 17.0, 0.4), pm.Polygon(3), pm.Image(HEART)]
+PICTURE = pm.ImageAperture(HEART)
+SHAPES = [pm.Disc(), pm.Polygon(6), pm.Polygon(5, 17.0, 0.4), pm.Polygon(3), PICTURE]
 ALL = [*SHAPES, pm.Lommel(), pm.Lommel((550,), truncated=True), pm.Lommel("spectrum")]
 LENS = pm.ThinLens(50, 2, 1000)
 NEAR, FAR = 600.0, 3000.0
@@ -104,7 +105,7 @@ def test_wholly_curved_blades_make_a_disc():
         )
 
 
-@pytest.mark.parametrize("aperture", [pm.Polygon(3), pm.Image(HEART)], ids=str)
+@pytest.mark.parametrize("aperture", [pm.Polygon(3), pm.ImageAperture(HEART)], ids=str)
 def test_nearer_than_the_focus_highlights_are_upside_down(aperture):
     far, near = (table(aperture, 8.3, (0.5, 0.5), depth) for depth in (FAR, NEAR))
     np.testing.assert_allclose(near, far[::-1, ::-1], atol=1e-12)
@@ -119,7 +120,7 @@ def test_highlights_beyond_the_focus_show_the_aperture_upright():
     assert values[reach + 12 :].sum() == 0
     corner = np.zeros((8, 8))
     corner[1:3, 4:7] = 1  # above and to the right
-    x, y, *_ = moments(table(pm.Image(corner), 20.0))
+    x, y, *_ = moments(table(pm.ImageAperture(corner), 20.0))
     assert x > 3
     assert y < -3
 
@@ -254,10 +255,10 @@ def test_apertures_can_be_given_as_text(text, aperture):
         (lambda: pm.Lommel("rainbow"), ValueError, r"^wavelengths='rainbow': "),
         (lambda: pm.Lommel(truncated=3), TypeError, r"^truncated=3: "),
         (lambda: pm.Lommel(argument="best"), ValueError, r"^argument='best': "),
-        (lambda: pm.Image(np.zeros((4, 4))), ValueError, r"^transmission_map: "),
-        (lambda: pm.Image(np.ones(4)), ValueError, r"^transmission_map: has shape"),
-        (lambda: pm.Image([[1, math.nan]]), ValueError, r"^transmission_map: "),
-        (lambda: pm.Image.load("nowhere.png"), FileNotFoundError, r"^filename='nowhere.png'"),
+        (lambda: pm.ImageAperture(np.zeros((4, 4))), ValueError, r"^transmission_map: "),
+        (lambda: pm.ImageAperture(np.ones(4)), ValueError, r"^transmission_map: has shape"),
+        (lambda: pm.ImageAperture([[1, math.nan]]), ValueError, r"^transmission_map: "),
+        (lambda: pm.ImageAperture.load("no.png"), FileNotFoundError, r"^filename='no.png'"),
         (lambda: aperture_of("heart"), ValueError, r"^aperture='heart': must be one of disc"),
         (lambda: aperture_of("polygon:sides=4"), ValueError, r"^sides: .*blades"),
         (lambda: aperture_of("polygon:blades"), ValueError, r"^aperture='polygon:blades'"),
@@ -280,8 +281,10 @@ def test_bad_parameters_are_named(make, error, message):
 def test_a_picture_in_a_file_can_be_the_aperture(variant_llvm, tmp_path):
     path = tmp_path / "heart.png"
     mi.util.write_bitmap(str(path), mi.TensorXf(np.float32(HEART)[..., None]), write_async=False)
-    loaded = pm.Image.load(path)
-    np.testing.assert_allclose(loaded.transmission_map, pm.Image(HEART).transmission_map, atol=0.02)
+    loaded = pm.ImageAperture.load(path)
+    np.testing.assert_allclose(
+        loaded.transmission_map, pm.ImageAperture(HEART).transmission_map, atol=0.02
+    )
     assert aperture_of(f"image:filename={path}") == loaded
     sensor = {"aperture": "image", "aperture_image": str(path)}
     assert sensor_with(**sensor).lens().aperture == loaded
@@ -354,7 +357,7 @@ def test_files_keep_the_aperture(variant_llvm, tmp_path):
 )
 def test_a_bright_point_looks_as_wave_optics_has_it(variant_llvm, pixel, depth, method, offset):
     size = 97
-    lens = pm.ThinLens(50, 22, 1000, aperture=pm.Lommel((550,)), image_distance="focused")
+    lens = pm.ThinLens(50, 22, 1000, aperture=pm.Lommel((550,)), film="focused")
     samples = bright_point(size, pixel, depth, lens, offset)
     picture = np.array(pm.focus(samples, method=method), dtype=np.float64)[..., 1]
     expected = fourier_optics(size, pixel, depth, samples.lens, 550.0, offset)
@@ -395,7 +398,7 @@ def test_the_light_of_a_point_is_the_pinholes_whatever_the_aperture(
     "lens",
     [
         LENS.replace(aperture=pm.Polygon(5)),
-        LENS.replace(aperture=pm.Image(HEART)),
+        LENS.replace(aperture=pm.ImageAperture(HEART)),
         LENS.replace(aperture=pm.Lommel()),
         LENS.replace(squeeze=1.7),
         LENS.replace(vignetting=0.6),
@@ -419,7 +422,7 @@ def test_a_uniform_picture_stays_uniform_whatever_the_aperture(variant_llvm, met
     [
         {"aperture": pm.Polygon(3)},
         {"aperture": pm.Polygon(5, 10.0, 0.3)},
-        {"aperture": pm.Image(HEART)},
+        {"aperture": pm.ImageAperture(HEART)},
         {"squeeze": 1.6},
         {"vignetting": 0.5},
     ],

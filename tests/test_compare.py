@@ -139,7 +139,7 @@ def test_thinlens_sensor_stands_where_the_sensor_stood(variant_llvm):
 
 def test_thinlens_sensor_keeps_the_field_of_view_of_the_samples(variant_llvm):
     sensor = still_life().sensors()[0]
-    other = pm.ThinLens(85.0, 2.0, 2500.0, image_distance="focused")  # in millimetres
+    other = pm.ThinLens(85.0, 2.0, 2500.0, film="focused")  # in millimetres
     parameters = mi.traverse(thinlens_sensor(sensor, other))
     assert parameters["x_fov"][0] == pytest.approx(sensor.camera().x_fov, abs=1e-4)
     assert parameters["focus_distance"][0] == pytest.approx(2.5)

@@ -318,7 +318,7 @@ DEPTHS = np.array([20.0, 50.0, 50.001, 300.0, 999.0, 1000.0, 1001.0, 1e5, math.i
 @BOTH_FILMS
 @pytest.mark.parametrize("focused", [1000.0, 120.0, math.inf])
 def test_consistent_coordinates_are_equal_on_the_edge_of_the_circle(film, focused):
-    lens = ThinLens(50, 2.8, focused, image_distance=film)
+    lens = ThinLens(50, 2.8, focused, film=film)
     edge = np.abs(lens.circle_of_confusion(DEPTHS)) / 2
     u, v = optical_coordinates(lens, DEPTHS, edge, 550)
     assert np.all(np.isfinite(u))
@@ -329,7 +329,7 @@ def test_consistent_coordinates_are_equal_on_the_edge_of_the_circle(film, focuse
 @BOTH_FILMS
 def test_in_focus_the_pattern_is_that_of_the_aperture_number(film):
     """The first dark ring is at 1.22 λN, with the number N that the film sees."""
-    lens = ThinLens(50, 4, 300, image_distance=film)
+    lens = ThinLens(50, 4, 300, film=film)
     number = {"focal": 4, "focused": 4 * 300 / 250}[film]
     u, v = optical_coordinates(lens, 300, 1.2196698912665046 * 550e-6 * number, 550)
     assert u == 0
@@ -338,7 +338,7 @@ def test_in_focus_the_pattern_is_that_of_the_aperture_number(film):
 
 def test_consistent_coordinates_are_those_of_the_wave_on_the_focused_film():
     """A wave that converges to V_p differs on the film, at V_u, by k (D/2)² (1/V_p - 1/V_u)."""
-    lens = ThinLens(50, 2, 400, image_distance="focused")
+    lens = ThinLens(50, 2, 400, film="focused")
     u, v = optical_coordinates(lens, DEPTHS, 0.01, 500)
     k = 2 * math.pi / 500e-6
     image = lens.image_distance(np.array([20.0, 50.001, 300, 999, math.inf]))
@@ -349,7 +349,7 @@ def test_consistent_coordinates_are_those_of_the_wave_on_the_focused_film():
 
 @BOTH_FILMS
 def test_equations_15_to_18_as_the_paper_prints_them(film):
-    lens = ThinLens(50, 2.8, 1000, image_distance=film)
+    lens = ThinLens(50, 2.8, 1000, film=film)
     depth, radius, wavelength = np.array([[20.0], [300], [999], [2000]]), np.array([0, 0.02]), 633
     u, v = optical_coordinates(lens, depth, radius, wavelength, argument="paper")
     assert u.shape == v.shape == (4, 2)

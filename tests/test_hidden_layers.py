@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.tracing.disocclusion import GROWTH, widest_parallax_scale
+from potmesil_mi.optics.blur import widest_radius_per_vergence
+from potmesil_mi.tracing.disocclusion import GROWTH
 from potmesil_mi.tracing.scene import closed_shapes, surface_ids
 from scenes import LENS, diffuse
 
@@ -124,7 +125,7 @@ def test_behind_a_ball_is_what_a_render_without_it_shows(pattern):
 
 def test_hidden_surfaces_are_sampled_where_the_lens_can_see_past_the_silhouette():
     samples = pm.render_samples(shown(ball=ball(), wall=glowing(-3, 3, 4)), sampling=NO_OVERSCAN)
-    scale = widest_parallax_scale(samples.lens, samples.camera, 2.0)
+    scale = widest_radius_per_vergence(samples.lens, samples.camera, 2.0)
     every = layers(samples)
     on_ball = every[0]["surface"] == 1
     from_middle = np.hypot(every[0]["x"] - 24, every[0]["y"] - 16)
@@ -382,7 +383,7 @@ def test_overscan_reaches_as_far_as_the_circles_of_confusion():
     # All that is beyond the window is a wall at 4 m; the focus may be set from 1 m on.
     scene = shown(wall=glowing(-60, 60, 4, height=120), ball=ball(center=[0, 0, 1.1], radius=0.1))
     samples = pm.render_samples(scene, spp=1)
-    scale = widest_parallax_scale(samples.lens, samples.camera, 1.0)
+    scale = widest_radius_per_vergence(samples.lens, samples.camera, 1.0)
     reach = scale * (1 - 1 / 4)
     left, top, width, height = samples.window
     margins = np.array([-left, -top, left + width - 48, top + height - 32])
@@ -392,7 +393,7 @@ def test_overscan_reaches_as_far_as_the_circles_of_confusion():
 
 def test_overscan_covers_the_circles_that_reach_the_window_and_no_more():
     samples = pm.render_samples(near_the_frame(film=CROP), spp=1)
-    scale = widest_parallax_scale(samples.lens, samples.camera, 4.0)
+    scale = widest_radius_per_vergence(samples.lens, samples.camera, 4.0)
     reach = scale * (1 / 1.2 - 1 / 4)
     left, top, width, height = samples.window
     # On the other sides is only the wall, on which the lens is focused.

@@ -13,7 +13,7 @@ import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
 from potmesil_mi.focusing import layered as layered_module
 from potmesil_mi.focusing.fragments import Elements
-from potmesil_mi.tracing.disocclusion import parallax_scale
+from potmesil_mi.optics.blur import radius_per_vergence
 from scenes import LENS, diffuse, overscanned, pinhole_mean, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -541,7 +541,7 @@ def test_pictures_come_closer_to_mitsubas_lens_than_the_papers(
 ):
     scene, samples = ball_and_wall
     lens = samples.lens.replace(f_number=0.2, focus_distance=focus_distance)
-    assert 6 < parallax_scale(lens, samples.camera) < 8
+    assert 6 < radius_per_vergence(lens, samples.camera) < 8
     sensor = mi.load_dict(
         {
             **lens.to_thinlens(),

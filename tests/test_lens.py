@@ -162,7 +162,7 @@ def test_circle_is_affine_in_the_vergence_also_inside_the_focal_length():
 @BOTH_FILMS
 def test_circle_is_what_the_equivalent_thin_lens_blurs(film):
     """A thin lens blurs by R |1/P - 1/U| on a plane at distance 1; the film is at distance d."""
-    lens = ThinLens(50, 2.8, 1.2, image_distance=film, millimeters_per_unit=1000)
+    lens = ThinLens(50, 2.8, 1.2, film=film, millimeters_per_unit=1000)
     depth = np.array([0.03, 0.5, 1.1, 1.3, 9, np.inf])
     thin = lens.to_thinlens()
     film_distance = 36 / (2 * math.tan(math.radians(thin["fov"]) / 2))
@@ -234,7 +234,7 @@ def test_derivative_of_the_circle_agrees_with_central_differences(
     def circle(value):
         changed = values | {name: value}
         depth = changed.pop("depth")
-        return ThinLens(**changed, image_distance=film).circle_of_confusion(depth)
+        return ThinLens(**changed, film=film).circle_of_confusion(depth)
 
     parameter = mi.Float64(values[name])
     dr.enable_grad(parameter)
@@ -272,7 +272,7 @@ def test_to_thinlens_with_the_film_at_the_focal_length():
 def test_to_thinlens_with_the_film_at_the_focused_image():
     """A real camera, which breathes: fov = 2 atan(W / 2V_u), R = F / 2n."""
     image = 50 * 1000 / 950
-    thin = ThinLens(50, 4, 1000, frame_width=24, image_distance="focused").to_thinlens()
+    thin = ThinLens(50, 4, 1000, frame_width=24, film="focused").to_thinlens()
     assert thin == {
         "type": "thinlens",
         "fov": pytest.approx(math.degrees(2 * math.atan(24 / (2 * image))), rel=1e-12),
@@ -313,7 +313,7 @@ def test_a_pinhole_has_no_blur_and_is_a_perspective_sensor(aperture):
 @BOTH_FILMS
 @given(FOCAL_LENGTHS, F_NUMBERS, DEPTHS, st.sampled_from([1.0, 10.0, 1000.0]))
 def test_f_number_and_aperture_radius_describe_one_lens(film, focal_length, n, focused, unit):
-    options = {"image_distance": film, "millimeters_per_unit": unit}
+    options = {"film": film, "millimeters_per_unit": unit}
     by_number = ThinLens(focal_length, n, focused / unit, **options)
     by_radius = ThinLens(
         focal_length,
@@ -341,7 +341,7 @@ def test_the_given_one_of_f_number_and_radius_stays_as_the_lens_is_focused():
 
 
 def test_replace_exchanges_f_number_and_radius_and_keeps_the_rest():
-    lens = ThinLens(50, 4, 1, frame_width=24, millimeters_per_unit=1000, image_distance="focused")
+    lens = ThinLens(50, 4, 1, frame_width=24, millimeters_per_unit=1000, film="focused")
     exchanged = lens.replace(aperture_radius=0.002)
     assert "f_number" not in exchanged.parameters()
     assert exchanged.aperture_radius == 0.002
@@ -352,7 +352,7 @@ def test_replace_exchanges_f_number_and_radius_and_keeps_the_rest():
 
 
 def test_parameters_build_an_equal_lens():
-    lens = ThinLens(50, 4, 1, frame_width=24, millimeters_per_unit=1000, image_distance="focused")
+    lens = ThinLens(50, 4, 1, frame_width=24, millimeters_per_unit=1000, film="focused")
     assert ThinLens(**lens.parameters()) == lens
     assert lens.replace() == lens
     assert lens.replace(f_number=4.1) != lens
@@ -363,8 +363,8 @@ def test_parameters_build_an_equal_lens():
 
 @BOTH_FILMS
 def test_a_scene_in_metres_gives_the_same_optics(film):
-    in_mm = ThinLens(50, 4, 1000, image_distance=film)
-    in_m = ThinLens(50, 4, 1, millimeters_per_unit=1000, image_distance=film)
+    in_mm = ThinLens(50, 4, 1000, film=film)
+    in_m = ThinLens(50, 4, 1, millimeters_per_unit=1000, film=film)
     depth = np.array([30, 400, 1000, 5000, np.inf])
     np.testing.assert_allclose(
         in_m.circle_of_confusion(depth / 1000), in_mm.circle_of_confusion(depth), rtol=1e-12
@@ -394,7 +394,7 @@ def test_of_field_of_view_covers_that_field(fov, given_one, focused, film):
         f_number=4,
         focus_distance=focused * 4,
         millimeters_per_unit=1000,
-        image_distance=film,
+        film=film,
     )
     assert lens.fov == pytest.approx(fov, rel=1e-12)
     kept = given_one or {"frame_width": 36}
@@ -430,8 +430,8 @@ REFUSED = {
     "radius_inf": ({"f_number": None, "aperture_radius": math.inf}, "aperture_radius=inf: "),
     "frame_width_0": ({"frame_width": 0}, "frame_width=0: "),
     "unit_negative": ({"millimeters_per_unit": -1}, "millimeters_per_unit=-1: "),
-    "image_distance": ({"image_distance": "far"}, "image_distance='far': .*focal, focused"),
-    "image_distance_number": ({"image_distance": 50}, "image_distance=50: "),
+    "film": ({"film": "far"}, "film='far': .*focal, focused"),
+    "film_number": ({"film": 50}, "film=50: "),
     "one_of_many": ({"f_number": np.array([4.0, -7.0])}, "f_number=-7.0: "),
     "one_focus_of_many": ({"focus_distance": np.array([900.0, 3.0])}, "focus_distance=3.0: "),
 }

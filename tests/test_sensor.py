@@ -13,6 +13,7 @@ import pytest
 
 from potmesil_mi import ThinLens, potmesil_sensor
 from potmesil_mi.optics.camera import FOV_AXES
+from potmesil_mi.tracing.scene import sensor_parameters
 
 REPOSITORY = Path(__file__).parents[1]
 ORIGIN, TARGET = [1.0, -2.0, 3.5], [0.0, 1.0, -1.0]
@@ -544,11 +545,11 @@ EXACT = ThinLens(43.3, 5.6, 0.29, frame_width=35.9, millimeters_per_unit=1000.1)
 
 
 def test_the_lens_is_exactly_what_was_asked_for(variants):
-    assert load(**EXACT.to_dict()).lens() == EXACT
+    assert load(**sensor_parameters(EXACT)).lens() == EXACT
 
 
 def test_the_lens_stays_exact_in_what_is_not_updated(variant_llvm):
-    sensor = load(**EXACT.to_dict())
+    sensor = load(**sensor_parameters(EXACT))
     parameters = mi.traverse(sensor)
     parameters["near_clip"] = 0.2
     parameters["f_number"] = 8.0
@@ -669,7 +670,7 @@ def test_potmesil_sensor_of_a_perspective_is_a_pinhole_by_default(variant_llvm):
 @pytest.mark.parametrize("image_distance", ["focal", "focused"])
 def test_potmesil_sensor_keeps_aperture_and_focus_of_a_thinlens(variants, image_distance):
     builtin = load("thinlens", aperture_radius=0.03125, focus_distance=2.5, **shared_parameters())
-    sensor = potmesil_sensor(builtin, image_distance=image_distance)
+    sensor = potmesil_sensor(builtin, film=image_distance)
     assert_same_rays(sensor, builtin, aperture=(0.5, 0.5))
     assert sensor.lens().aperture_radius == 0.03125
     assert sensor.lens().focus_distance == 2.5
@@ -784,11 +785,11 @@ def test_xml_says_all_that_a_dictionary_says(variants, aperture, focus_distance,
         focus_distance=focus_distance,
         frame_width=35.9,
         millimeters_per_unit=10,
-        image_distance="focused",
+        film="focused",
         **{aperture: 5.6},
     )
     expected = load(
-        **sensor.lens().to_dict(),
+        **sensor_parameters(sensor.lens()),
         film=film(40, 30),
         near_clip=0.5,
         far_clip=77.0,

@@ -13,10 +13,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..optics.blur import radius_per_vergence
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
-from ..tracing.disocclusion import parallax_scale
 from .fragments import Elements
 from .lens_view import Layers, Pupil
 from .splat import through_lens
@@ -75,7 +75,7 @@ def see_through(
     ``exact``, of one that differs by at most ``SIMILAR``, for with the film at F the aperture
     changes a little as the lens is focused.
     """
-    scale = parallax_scale(lens, samples.camera) * per_pixel
+    scale = radius_per_vergence(lens, samples.camera) * per_pixel
     similar = scale
     if scale == 0:
         samples, similar = samples.visible(), CLOSED

@@ -8,7 +8,7 @@ a Mitsuba variant.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -21,7 +21,11 @@ ACUITY = 1e-3
 FULL_FRAME_WIDTH = 36.0
 """Width of a 35 mm still frame in millimetres, assumed where no frame width is given."""
 
-IMAGE_DISTANCES = ("focal", "focused")
+Film = Literal["focal", "focused"]
+"""Where the picture forms: on a film fixed at F, or at the image of the focused plane."""
+
+FILMS: tuple[Film, ...] = get_args(Film)
+"""The two places of the film."""
 
 
 class DepthOfField(NamedTuple):
@@ -56,12 +60,12 @@ class ThinLens:
     ``frame_width``               width of the film in millimetres, > 0 (default 36)
     ``millimeters_per_unit``      size of a scene unit, > 0 (default 1: distances in
                                   millimetres; 1000 for a scene in metres)
-    ``image_distance``            where the film is: ``focal``, fixed at F (the paper,
+    ``film``                      where the film is: ``focal``, fixed at F (the paper,
                                   default), or ``focused``, at the image of the focused
                                   plane (a real camera; its field of view changes as it
                                   is focused)
     ``aperture``                  its shape: :class:`potmesil_mi.Disc` (default), ``Polygon``,
-                                  ``Lommel`` or ``Image``, or text such as
+                                  ``Lommel`` or ``ImageAperture``, or text such as
                                   ``polygon:blades=6``, see :func:`potmesil_mi.aperture_of`
     ``squeeze``                   of an anamorphic lens: highlights are so many times as tall
                                   as wide; 1 (default) to 4. The height is that of the
@@ -84,7 +88,7 @@ class ThinLens:
         aperture_radius: Any = None,
         frame_width: Any = FULL_FRAME_WIDTH,
         millimeters_per_unit: Any = 1.0,
-        image_distance: str = "focal",
+        film: Film = "focal",
         aperture: Aperture | str = Disc(),  # noqa: B008
         squeeze: float = 1.0,
         vignetting: float = 0.0,
@@ -95,10 +99,8 @@ class ThinLens:
                 f"f_number and aperture_radius: give exactly one of them, {given} given "
                 f"(f_number={f_number}, aperture_radius={aperture_radius})"
             )
-        if image_distance not in IMAGE_DISTANCES:
-            raise ValueError(
-                f"image_distance={image_distance!r}: must be one of {', '.join(IMAGE_DISTANCES)}"
-            )
+        if film not in FILMS:
+            raise ValueError(f"film={film!r}: must be one of {', '.join(FILMS)}")
         _require("focal_length", focal_length, "> 0 mm and finite", _positive_finite)
         _require("frame_width", frame_width, "> 0 mm and finite", _positive_finite)
         _require("millimeters_per_unit", millimeters_per_unit, "> 0 and finite", _positive_finite)
@@ -133,7 +135,7 @@ class ThinLens:
         self.focus_distance = focus_distance
         self.frame_width = frame_width
         self.millimeters_per_unit = millimeters_per_unit
-        self.film_position = image_distance
+        self.film = film
         self._f_number = f_number
         self._aperture_radius = aperture_radius
 
@@ -164,7 +166,7 @@ class ThinLens:
         if frame_width is None:
             frame_width = FULL_FRAME_WIDTH
         focal_length = frame_width / slope
-        if parameters.get("image_distance", "focal") == "focused":
+        if parameters.get("film", "focal") == "focused":
             in_mm = parameters.get("focus_distance", math.inf) * parameters.get(
                 "millimeters_per_unit", 1.0
             )
@@ -178,7 +180,7 @@ class ThinLens:
             "focus_distance": self.focus_distance,
             "frame_width": self.frame_width,
             "millimeters_per_unit": self.millimeters_per_unit,
-            "image_distance": self.film_position,
+            "film": self.film,
             "aperture": self.aperture,
             "squeeze": self.squeeze,
             "vignetting": self.vignetting,
@@ -198,11 +200,22 @@ class ThinLens:
         return ThinLens(**plain)
 
     def to_dict(self) -> dict[str, Any]:
-        """:meth:`parameters` as numbers and text, as they are in JSON and in Mitsuba's plugins.
+        """:meth:`parameters` as numbers and text, as they are in JSON.
 
         A parameter of several elements is an error.
         """
         return {**self.plain().parameters(), "aperture": self.aperture.describe()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> ThinLens:
+        """The inverse of :meth:`to_dict`, for values that come from a file.
+
+        Files written before the parameter ``film`` had its name call it ``image_distance``.
+        """
+        given = dict(values)
+        if "image_distance" in given:
+            given["film"] = given.pop("image_distance")
+        return cls(**given)
 
     def replace(self, **changes: Any) -> ThinLens:
         """A lens with some constructor arguments changed.
@@ -250,12 +263,12 @@ class ThinLens:
     @property
     def _aperture_reference(self) -> Any:
         """2nR in millimetres: F with the film at the focused image, V_u with the film at F."""
-        return self.focal_length if self.film_position == "focused" else self.image_distance()
+        return self.focal_length if self.film == "focused" else self.image_distance()
 
     @property
     def film_distance(self) -> Any:
         """Distance from the lens to the film in millimetres: F, or V_u where it is focused."""
-        return self.image_distance() if self.film_position == "focused" else self.focal_length
+        return self.image_distance() if self.film == "focused" else self.focal_length
 
     @property
     def lens_diameter(self) -> Any:

@@ -2,8 +2,8 @@
 
 Section 3.2 of Potmesil & Chakravarty (1981), figure 9: the focus processor asks a point-spread
 function for its table, the integrals of the intensity over the squares of a grid. Here it is the
-aperture of the lens that has one: :class:`Disc`, :class:`Polygon`, :class:`Image`, by geometric
-optics, and :class:`Lommel` by diffraction.
+aperture of the lens that has one: :class:`Disc`, :class:`Polygon`, :class:`ImageAperture`, by
+geometric optics, and :class:`Lommel` by diffraction.
 
 Apertures are described as a photographer sees them from behind the camera, the right way up. So
 highlights beyond the focused plane show them; nearer ones show them upside down.
@@ -277,7 +277,7 @@ class Polygon(Aperture):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Image(Aperture):
+class ImageAperture(Aperture):
     """Any picture as the aperture.
 
     ============================  ==========================================================
@@ -317,7 +317,7 @@ class Image(Aperture):
         object.__setattr__(self, "transmission_map", values)
 
     @classmethod
-    def load(cls, filename: str | os.PathLike[str]) -> Image:
+    def load(cls, filename: str | os.PathLike[str]) -> ImageAperture:
         """The luminance of a picture in a file that Mitsuba can read: PNG, JPEG, EXR, ..."""
         import mitsuba as mi
 
@@ -370,13 +370,13 @@ class Image(Aperture):
         return describe(self.name, {"width": width, "height": height, "data": data})
 
     @classmethod
-    def _described(cls, width: int, height: int, data: str) -> Image:
+    def _described(cls, width: int, height: int, data: str) -> ImageAperture:
         filled = str(data) + "=" * (-len(str(data)) % 4)
         levels = np.frombuffer(zlib.decompress(base64.urlsafe_b64decode(filled)), "<u2")
         return cls(levels.reshape(height, width) / 65535)
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Image):
+        if not isinstance(other, ImageAperture):
             return NotImplemented
         return self.describe() == other.describe()
 
@@ -388,7 +388,7 @@ class Image(Aperture):
         return self._hash
 
     def __repr__(self) -> str:
-        return f"Image({'x'.join(map(str, self.transmission_map.shape[::-1]))})"
+        return f"ImageAperture({'x'.join(map(str, self.transmission_map.shape[::-1]))})"
 
 
 SPECTRUM = "spectrum"
@@ -521,8 +521,8 @@ def aperture_of(description: Aperture | str) -> Aperture:
         return description
     if not isinstance(description, str):
         raise TypeError(
-            f"aperture={description!r}: must be one of Disc(), Polygon(), Lommel(), Image(), or "
-            "text such as polygon:blades=6"
+            f"aperture={description!r}: must be one of Disc(), Polygon(), Lommel(), "
+            "ImageAperture(), or text such as polygon:blades=6"
         )
     return aperture_with(*described(description, "aperture"))
 
@@ -533,17 +533,17 @@ def aperture_with(name: str, parameters: Mapping[str, Any]) -> Aperture:
         raise ValueError(f"aperture={name!r}: must be one of {', '.join(APERTURES)}")
     kind: Any = APERTURES[name]
     known = [field.name for field in dataclasses.fields(kind)]
-    if name == Image.name:
+    if name == ImageAperture.name:
         if parameters.keys() == {"width", "height", "data"}:
-            return Image._described(**parameters)
-        kind, known = Image.load, ["filename"]
+            return ImageAperture._described(**parameters)
+        kind, known = ImageAperture.load, ["filename"]
     unknown = sorted(set(parameters) - set(known))
     if unknown:
         raise ValueError(
             f"{unknown[0]}: not a parameter of the aperture {name}, which has "
             f"{', '.join(known) or 'none'}"
         )
-    if name == Image.name and not parameters:
+    if name == ImageAperture.name and not parameters:
         raise ValueError("filename: must be given for the aperture image")
     return kind(**parameters)
 
@@ -554,7 +554,7 @@ def aperture_behind(psf: PointSpreadFunction) -> Aperture:
 
 
 APERTURES: Mapping[str, type[Aperture]] = {
-    kind.name: kind for kind in (Disc, Polygon, Lommel, Image)
+    kind.name: kind for kind in (Disc, Polygon, Lommel, ImageAperture)
 }
 
 

@@ -10,8 +10,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..optics.camera import Camera, horizontal_fov, orientation
-from ..optics.lens import ThinLens
-from ..optics.psf import SPECTRUM, Aperture, Disc, Image, aperture_of, aperture_with
+from ..optics.lens import FILMS, ThinLens
+from ..optics.psf import SPECTRUM, Aperture, Disc, ImageAperture, aperture_of, aperture_with
 
 DEFAULT_FOCAL_LENGTH = 50.0
 APERTURE_PARAMETERS = {
@@ -135,7 +135,7 @@ class PotmesilSensor(mi.Sensor):
 
         lens = self._lens_from(props)
         self.m_lens_parameters = [
-            name for name in lens.parameters() if name not in ("image_distance", "aperture")
+            name for name in lens.parameters() if name not in ("film", "aperture")
         ]
         for name in self.m_lens_parameters:
             setattr(self, f"m_{name}", mi.Float(getattr(lens, name)))
@@ -164,7 +164,9 @@ class PotmesilSensor(mi.Sensor):
         }
         given["focus_distance"] = _number(props, "focus_distance", math.inf)
         given["millimeters_per_unit"] = _number(props, "millimeters_per_unit", 1000.0)
-        given["image_distance"] = props.get("image_distance", "focal")
+        given["film"] = props.get("image_distance", "focal")
+        if given["film"] not in FILMS:
+            raise ValueError(f"image_distance={given['film']!r}: must be one of {', '.join(FILMS)}")
         given["aperture"] = _aperture(props)
         given["squeeze"] = _number(props, "squeeze", 1.0)
         given["vignetting"] = _number(props, "vignetting", 0.0)
@@ -324,7 +326,7 @@ def _aperture(props: mi.Properties) -> Aperture:
         if name != aperture:
             raise ValueError(f"{parameter}: is for the aperture {aperture}, not for {name}")
         parameters[field] = props[parameter]
-    if name == Image.name:
+    if name == ImageAperture.name:
         if not parameters:
             raise ValueError("aperture_image: must name a picture for the aperture image")
         parameters["filename"] = str(mi.file_resolver().resolve(parameters["filename"]))

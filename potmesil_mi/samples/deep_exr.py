@@ -160,7 +160,7 @@ def _samples(header: dict[str, Any], parts: list[dict[str, Any]]) -> PointSample
     return PointSamples(
         **{name: np.concatenate([part[name] for part in columns]) for name in columns[0]},
         camera=Camera.from_dict(json.loads(header["potmesil:camera"])),
-        lens=ThinLens(**json.loads(header["potmesil:lens"])),
+        lens=ThinLens.from_dict(json.loads(header["potmesil:lens"])),
         surfaces={e.id(): e.text()[0] for e in header["idManifest"][0]},
         lattice=about["lattice"],
         window=window,

@@ -13,6 +13,7 @@ import math
 import numpy as np
 import scipy.ndimage
 
+from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 
@@ -23,30 +24,12 @@ GROWTH = 1.5
 """Ratio of the distances at which silhouettes are looked for."""
 
 
-def parallax_scale(lens: ThinLens, camera: Camera) -> float:
-    """R f: radius in pixels of the circle of confusion per scene unit of 1/z - 1/U."""
-    lens = lens.plain()
-    return float(lens.aperture_radius) * camera.focal_length_pixels
-
-
-def widest_parallax_scale(lens: ThinLens, camera: Camera, nearest: float) -> float:
-    """The largest :func:`parallax_scale` of the lens for a focus from ``nearest`` on.
-
-    With the film at F the aperture's radius grows as the lens is focused nearer (R = V_u / 2n).
-    ``nearest`` counts where the lens can focus on it: from twice its focal length.
-    """
-    lens = lens.plain()
-    least = 2 * lens.focal_length / lens.millimeters_per_unit
-    focused = lens.replace(focus_distance=min(max(nearest, least), lens.focus_distance))
-    return max(parallax_scale(lens, camera), parallax_scale(focused, camera))
-
-
 def disoccluded(nearest: np.ndarray, farthest: np.ndarray, scale: float) -> np.ndarray:
     """Pixels in which a lens may see something that is hidden from the pinhole.
 
-    ``nearest`` and ``farthest`` are depths, (H, W), of what each pixel shows; ``scale`` is
-    that of :func:`parallax_scale`. What is hidden in a pixel shows where a farther surface is
-    seen within the parallax of the two depths. Returns bool (H, W).
+    ``nearest`` and ``farthest`` are depths, (H, W), of what each pixel shows; ``scale`` is that of
+    :func:`potmesil_mi.optics.blur.radius_per_vergence`. What is hidden in a pixel shows where a
+    farther surface is seen within the parallax of the two depths. Returns bool (H, W).
     """
     near, far = (np.float32(scale) / depth.astype(np.float32) for depth in (nearest, farthest))
     result = np.zeros(near.shape, dtype=bool)
@@ -85,7 +68,7 @@ def overscan(
     focused = 1 / float(lens.plain().focus_distance)
     least = min(focused, float(inside.min(initial=focused)))
     most = max(focused, float(inside.max(initial=focused)))
-    scale = widest_parallax_scale(lens, camera, 1 / most if most > 0 else math.inf)
+    scale = widest_radius_per_vergence(lens, camera, 1 / most if most > 0 else math.inf)
     reaches = scale * np.maximum(vergence - least, most - vergence) >= distance
     sides = []
     for beyond in (left - x, x - (left + width), top - y, y - (top + height)):

@@ -17,8 +17,9 @@ import numpy as np
 
 from .._progress import track
 from .._validation import require_whole
+from ..optics.blur import widest_radius_per_vergence
 from ..samples.point_samples import PointSamples
-from .disocclusion import disoccluded, overscan, widest_parallax_scale
+from .disocclusion import disoccluded, overscan
 from .scene import (
     closed_shapes,
     pick_sensor,
@@ -444,7 +445,7 @@ class _HiddenSurfaceStage:
             np.asarray(dr.block_reduce(op, mi.Float(z), group))
             for op in (dr.ReduceOp.Min, dr.ReduceOp.Max)
         )
-        scale = widest_parallax_scale(self.lens, self.sensor.camera(), float(nearest_of.min()))
+        scale = widest_radius_per_vergence(self.lens, self.sensor.camera(), float(nearest_of.min()))
         if self.sampling.layers == 1 or scale == 0:
             return np.zeros(len(z), dtype=bool)
         left, top, width, height = self.window

@@ -80,12 +80,22 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
             "principal_point_offset_x": offset[0],
             "principal_point_offset_y": offset[1],
             **clip,
-            **thin_lens.to_dict(),
+            **sensor_parameters(thin_lens),
         }
     )
     if sensor.get_medium() is not None:
         replacement.set_medium(sensor.get_medium())
     return replacement
+
+
+def sensor_parameters(lens: ThinLens) -> dict[str, Any]:
+    """The lens as the parameters of the sensor ``potmesil``, numbers and text.
+
+    Where the film is, is called ``image_distance`` there: a sensor's ``film`` is what has pixels.
+    """
+    parameters = lens.to_dict()
+    parameters["image_distance"] = parameters.pop("film")
+    return parameters
 
 
 def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:
