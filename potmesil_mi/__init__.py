@@ -42,8 +42,9 @@ from .optics.psf import (  # noqa: E402
     aperture_of,
 )
 from .samples.point_samples import PointSamples  # noqa: E402
-from .tracing.hidden_surface import Sampling, render_samples  # noqa: E402
-from .tracing.scene import potmesil_sensor  # noqa: E402
+from .tracing.hidden_surface import render_samples  # noqa: E402
+from .tracing.sampling import Sampling  # noqa: E402
+from .tracing.sensor import potmesil_sensor  # noqa: E402
 
 __all__ = [
     "Aperture",

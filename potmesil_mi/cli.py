@@ -27,8 +27,9 @@ from .filters.filters import FILTERS, as_filters
 from .focusing.api import METHODS, OPTIONS, check_options, film_options, focus
 from .optics.lens import FILMS, ThinLens
 from .samples.point_samples import PointSamples
-from .tracing.hidden_surface import PATTERNS, Sampling, render_samples
-from .tracing.scene import has_lens, pick_sensor, potmesil_sensor
+from .tracing.hidden_surface import render_samples
+from .tracing.sampling import PATTERNS, Sampling
+from .tracing.sensor import has_lens, pick_sensor, potmesil_sensor
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 

@@ -7,7 +7,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.optics.blur import widest_radius_per_vergence
 from potmesil_mi.tracing.disocclusion import GROWTH
-from potmesil_mi.tracing.scene import closed_shapes, surface_ids
+from potmesil_mi.tracing.shapes import closed_shapes, surface_ids
 from scenes import LENS, diffuse
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

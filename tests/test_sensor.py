@@ -13,7 +13,7 @@ import pytest
 
 from potmesil_mi import ThinLens, potmesil_sensor
 from potmesil_mi.optics.camera import FOV_AXES
-from potmesil_mi.tracing.scene import sensor_parameters
+from potmesil_mi.tracing.sensor import sensor_parameters
 
 REPOSITORY = Path(__file__).parents[1]
 ORIGIN, TARGET = [1.0, -2.0, 3.5], [0.0, 1.0, -1.0]

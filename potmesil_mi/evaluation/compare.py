@@ -23,14 +23,16 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from .._backend import require_vectorised_variant
 from .._image import require_writable, write_picture
 from .._validation import require_whole
 from ..focusing.api import check_options, focus
 from ..optics.lens import ThinLens
 from ..optics.psf import Disc
 from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import Sampling, render_samples
-from ..tracing.scene import pick_sensor, potmesil_sensor, require_vectorised_variant
+from ..tracing.hidden_surface import render_samples
+from ..tracing.sampling import Sampling
+from ..tracing.sensor import pick_sensor, potmesil_sensor
 from . import metrics
 
 SAMPLERS = ("multijitter", "orthogonal", "ldsampler")

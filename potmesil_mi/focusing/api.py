@@ -14,12 +14,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from .._backend import require_vectorised_variant
 from .._validation import require_whole
 from ..filters.filters import Filter, apply_filters, as_filters
 from ..optics.lens import ThinLens
 from ..optics.psf import Aperture, PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
-from ..tracing.scene import require_vectorised_variant
 from .equation20 import equation_20
 from .layered import see_through
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..filters.filters import Filter, parse_filter
 from ..focusing.api import OPTIONS, check_options, film_options, focus
 from ..samples.point_samples import PointSamples
-from ..tracing.scene import has_lens
+from ..tracing.sensor import has_lens
 from .wrapper import WrapperIntegrator
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..focusing.api import film_options, focus
 from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import WAVEFRONT, Sampling
+from ..tracing.hidden_surface import WAVEFRONT
+from ..tracing.sampling import Sampling
 from .wrapper import WrapperIntegrator
 
 AOVS = ("x", "y", "z", "id", "weight")

@@ -8,9 +8,11 @@ from typing import Any, NoReturn
 import mitsuba as mi
 import numpy as np
 
+from .._backend import require_vectorised_variant
 from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import Sampling, render_samples
-from ..tracing.scene import pick_sensor, require_vectorised_variant
+from ..tracing.hidden_surface import render_samples
+from ..tracing.sampling import Sampling
+from ..tracing.sensor import pick_sensor
 
 
 class WrapperIntegrator(mi.CppADIntegrator):

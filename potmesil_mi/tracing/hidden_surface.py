@@ -6,27 +6,22 @@ place of the paper's ray tracer.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
-from numbers import Real
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._backend import require_vectorised_variant
 from .._progress import track
 from .._validation import require_whole
 from ..optics.blur import widest_radius_per_vergence
 from ..samples.point_samples import PointSamples
 from .disocclusion import disoccluded, overscan
-from .scene import (
-    closed_shapes,
-    pick_sensor,
-    potmesil_sensor,
-    require_vectorised_variant,
-    surface_ids,
-)
+from .sampling import Sampling
+from .sensor import pick_sensor, potmesil_sensor
+from .shapes import closed_shapes, registry_index, surface_ids
 from .virtual_depth import has_specular, passes_straight, seen
 
 PROBES = 512
@@ -34,68 +29,6 @@ PROBES = 512
 
 WAVEFRONT = 1 << 22
 """Most rays that are traced at once, or those of one pixel if it has more: memory is bounded."""
-
-PATTERNS = ("sampler", "uniform", "adaptive")
-
-
-@dataclasses.dataclass(frozen=True)
-class Sampling:
-    """Where the image is sampled.
-
-    ============================  ==========================================================
-    Field                         Meaning
-    ============================  ==========================================================
-    ``pattern``                   ``sampler`` (default): the positions of the sensor's own
-                                  sampler, N samples a pixel. ``uniform``: the paper's grid
-                                  of (2W+1) x (2H+1) corners, edge middles and centres.
-                                  ``adaptive``: pixel corners, and where they differ, the
-                                  paper's recursive subdivision in 2x2 squares
-    ``threshold``                 ``adaptive``: a square is subdivided where a corner differs
-                                  from the mean of the four by more than this in any of R, G,
-                                  B, clipped to [0, 1]; >= 0 (default 25/255, the paper's)
-    ``subdivisions``              ``adaptive``: largest number of subdivisions of a pixel,
-                                  0 to 8 (default 2)
-    ``layers``                    how many surfaces along a ray are sampled, 1 to 16: those
-                                  behind the first only where the lens can see them past the
-                                  edge of a nearer one (default 2)
-    ``overscan``                  pixels sampled beyond each side of the crop window, 0 to
-                                  10000; by default as far as the circles of confusion of what
-                                  lies there reach, at any focus within the scene's depth
-    ``min_f_number``              the widest aperture that ``layers`` and ``overscan`` must
-                                  serve; by default that of the lens at hand
-    ``virtual_depth``             depth of what is seen in mirrors and through panes is that of
-                                  its image (default), not that of the mirror or pane
-    ============================  ==========================================================
-
-    On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
-    point. Raises ``ValueError`` or ``TypeError`` that names the parameter.
-    """
-
-    pattern: str = "sampler"
-    threshold: float = 25 / 255
-    subdivisions: int = 2
-    layers: int = 2
-    overscan: int | None = None
-    min_f_number: float | None = None
-    virtual_depth: bool = True
-
-    def __post_init__(self) -> None:
-        if self.pattern not in PATTERNS:
-            raise ValueError(f"pattern={self.pattern!r}: must be one of {', '.join(PATTERNS)}")
-        if not isinstance(self.threshold, Real):
-            raise TypeError(f"threshold={self.threshold!r}: must be a number >= 0")
-        if not self.threshold >= 0:
-            raise ValueError(f"threshold={self.threshold}: must be >= 0")
-        require_whole("subdivisions", self.subdivisions, 0, 8)
-        require_whole("layers", self.layers, 1, 16)
-        if self.overscan is not None:
-            require_whole("overscan", self.overscan, 0, 10_000)
-        if self.min_f_number is not None and not isinstance(self.min_f_number, Real):
-            raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
-        if self.min_f_number is not None and not self.min_f_number > 0:
-            raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
-        if not isinstance(self.virtual_depth, (bool, np.bool_)):
-            raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
 
 
 def render_samples(
@@ -393,7 +326,7 @@ class _HiddenSurfaceStage:
             "rgb": _to_rgb(radiance * ray_weight, ray.wavelengths),
             "alpha": dr.select(valid, mi.Float(1), mi.Float(0)),
             "z": depth,
-            "surface": dr.gather(mi.UInt32, self.ids, _place(hit), hit.is_valid()),
+            "surface": dr.gather(mi.UInt32, self.ids, registry_index(hit), hit.is_valid()),
         }
 
     def _seen(self, ray: mi.Ray3f) -> tuple[mi.Float, mi.SurfaceInteraction3f, mi.Bool]:
@@ -491,7 +424,7 @@ class _HiddenSurfaceStage:
 
         def goes_in(hit: mi.SurfaceInteraction3f) -> mi.Float:
             """1 where the ray goes into a closed shape, -1 where it comes out, 0 for others."""
-            side = dr.gather(mi.Float, self.closed, _place(hit), hit.is_valid())
+            side = dr.gather(mi.Float, self.closed, registry_index(hit), hit.is_valid())
             return -side * dr.sign(dr.dot(hit.n, ray.d))
 
         def onwards(hit: mi.SurfaceInteraction3f) -> mi.Ray3f:
@@ -547,12 +480,6 @@ class _HiddenSurfaceStage:
         if not self.integrator.hide_emitters:
             return mi.Bool(False)
         return hit.is_valid() & hit.shape.is_emitter()
-
-
-def _place(hit: mi.SurfaceInteraction3f) -> mi.UInt32:
-    """Place in Dr.Jit's registry of what was hit: the instance, where there is one."""
-    shape = dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape)
-    return dr.reinterpret_array(mi.UInt32, shape)
 
 
 def _within(position: mi.Float, corner: mi.Float) -> mi.Float:

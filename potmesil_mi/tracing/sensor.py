@@ -1,25 +1,29 @@
-"""Mitsuba's side of the door: what a scene's sensor says about camera and lens."""
+"""What a scene's sensor says about camera and lens, and the ``potmesil`` sensor in its place."""
 
 from __future__ import annotations
 
 import math
-from operator import itemgetter
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import mitsuba as mi
 import numpy as np
 
+from ..optics.camera import Camera
 from ..optics.lens import FULL_FRAME_WIDTH, ThinLens
 
 
-def require_vectorised_variant(what: str) -> None:
-    """Raise ``RuntimeError`` unless an LLVM or CUDA variant is set."""
-    variant = mi.variant()
-    if variant is None or variant.startswith("scalar"):
-        raise RuntimeError(
-            f"{what}: needs a vectorised variant, but mi.variant() is {variant}; call "
-            "mi.set_variant('cuda_ad_rgb', 'llvm_ad_rgb') before the scene is loaded"
-        )
+@runtime_checkable
+class LensSensor(Protocol):
+    """A sensor that knows its camera and its lens, as ``potmesil`` does.
+
+    It is told by its methods and not by its class, which is made anew for each variant.
+    """
+
+    def camera(self) -> Camera:
+        """The pinhole that takes the samples."""
+
+    def lens(self) -> ThinLens:
+        """The lens that the parameters describe."""
 
 
 def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
@@ -36,7 +40,7 @@ def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
 
 def has_lens(sensor: mi.Sensor) -> bool:
     """Whether the sensor has an aperture: a ``potmesil`` or ``thinlens``."""
-    return hasattr(sensor, "lens") or "aperture_radius" in mi.traverse(sensor)
+    return isinstance(sensor, LensSensor) or "aperture_radius" in mi.traverse(sensor)
 
 
 def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
@@ -49,7 +53,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
     36 mm wide. A sensor's own ``srf``, which Mitsuba does not tell, is lost. Raises ``TypeError``
     for any other sensor, ``ValueError`` for bad parameters.
     """
-    if hasattr(sensor, "lens"):
+    if isinstance(sensor, LensSensor):
         if not lens:
             return sensor
         thin_lens = sensor.lens().replace(**lens)
@@ -123,84 +127,3 @@ def _item(parameters: mi.SceneParameters, name: str, default: float | None = Non
     if default is not None and name not in parameters:
         return default
     return float(np.array(parameters[name]).ravel()[0])
-
-
-def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
-    """Stable ids of the scene's surfaces.
-
-    Returns a table that turns a shape's place in Dr.Jit's registry into its id, and the name of
-    every id. Ids count from 1 in the order of the names, so that they are the same each time
-    the scene is loaded; 0 is no surface. A shape without a name (an ``id`` in XML) is called by
-    its type and its rank by place and size.
-    """
-    import drjit as dr
-
-    shapes = list(scene.shapes())
-    if not shapes:
-        raise ValueError("scene: is empty, there must be at least one shape")
-    unnamed = sorted((shape for shape in shapes if not shape.id()), key=_place)
-    named = [(f"{s.class_name()}_{rank}", s) for rank, s in enumerate(unnamed, start=1)]
-    named = sorted(
-        named + [(shape.id(), shape) for shape in shapes if shape.id()], key=itemgetter(0)
-    )
-    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for _, shape in named]
-    table = np.zeros(max(places) + 1, dtype=np.uint32)
-    table[places] = np.arange(1, len(places) + 1)
-    return mi.UInt32(table), {i: name for i, (name, _) in enumerate(named, 1)}
-
-
-ORIENTATION_SAMPLES = 4096
-"""Points of a closed shape from which is told on which side its normals are."""
-
-
-def closed_shapes(scene: mi.Scene) -> mi.Float:
-    """Which shapes enclose a volume, by their place in Dr.Jit's registry, as in ``surface_ids``.
-
-    1 for those whose normals point out of it, -1 for those whose normals point into it, 0 for
-    the others. Spheres and cylinders enclose one, and meshes each of whose edges joins two faces,
-    in either direction one. Others, instances too, are taken for open.
-    """
-    import drjit as dr
-
-    shapes = list(scene.shapes())
-    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-    table = np.zeros(max(places) + 1, dtype=np.float32)
-    table[places] = [_side_of_normals(shape) if _is_closed(shape) else 0 for shape in shapes]
-    return mi.Float(table)
-
-
-def _side_of_normals(shape: mi.Shape) -> float:
-    """1 where the normals of a closed shape point outwards, else -1."""
-    import drjit as dr
-
-    place = dr.arange(mi.UInt32, ORIENTATION_SAMPLES)
-    sample = mi.Point2f(
-        (mi.Float(place) + 0.5) / ORIENTATION_SAMPLES, mi.radical_inverse_2(place, 0)
-    )
-    position = shape.sample_position(0.0, sample)
-    middle = mi.Point3f(shape.bbox().center())
-    dr.make_opaque(middle)  # no kernel of its own for each shape
-    # By Gauss's theorem the flux of x - middle is three times the volume.
-    flux = dr.mean(dr.dot(position.n, position.p - middle))
-    return -1.0 if float(np.array(flux).ravel()[0]) < 0 else 1.0
-
-
-def _is_closed(shape: mi.Shape) -> bool:
-    parameters = mi.traverse(shape)
-    if "vertex_positions" not in parameters:
-        return shape.class_name() in ("Sphere", "Cylinder")
-    positions = np.array(parameters["vertex_positions"]).reshape(-1, 3)
-    faces = np.array(parameters["faces"]).reshape(-1, 3)
-    # Vertices are doubled where normals or texture coordinates differ.
-    vertex = np.unique(positions, axis=0, return_inverse=True)[1].ravel()[faces].astype(np.int64)
-    edges = np.stack([vertex, np.roll(vertex, -1, axis=1)], axis=-1).reshape(-1, 2)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    count = len(positions)
-    forth, back = edges @ [count, 1], edges @ [1, count]
-    return len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
-
-
-def _place(shape: mi.Shape) -> tuple[Any, ...]:
-    box = shape.bbox()
-    corners = [float(v) for corner in (box.min, box.max) for v in np.array(corner).ravel()]
-    return shape.class_name(), *corners, shape.primitive_count()

@@ -1,0 +1,80 @@
+"""Where and how deep the image is sampled: the parameters of the hidden-surface stage."""
+
+from __future__ import annotations
+
+import dataclasses
+from numbers import Real
+from typing import Literal, get_args
+
+import numpy as np
+
+from .._validation import require_whole
+
+Pattern = Literal["sampler", "uniform", "adaptive"]
+"""Where the film is sampled; see ``pattern`` of :class:`Sampling`."""
+
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
+"""The patterns by their names, the default first."""
+
+PAPERS_THRESHOLD = 25 / 255
+"""Difference of intensities from which the paper subdivides a square: 25 steps of 8 bits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling:
+    """Where the image is sampled.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``pattern``                   ``sampler`` (default): the positions of the sensor's own
+                                  sampler, N samples a pixel. ``uniform``: the paper's grid
+                                  of (2W+1) x (2H+1) corners, edge middles and centres.
+                                  ``adaptive``: pixel corners, and where they differ, the
+                                  paper's recursive subdivision in 2x2 squares
+    ``threshold``                 ``adaptive``: a square is subdivided where a corner differs
+                                  from the mean of the four by more than this in any of R, G,
+                                  B, clipped to [0, 1]; >= 0 (default 25/255, the paper's)
+    ``subdivisions``              ``adaptive``: largest number of subdivisions of a pixel,
+                                  0 to 8 (default 2)
+    ``layers``                    how many depth layers are sampled, 1 to 16: those behind the
+                                  first only where the lens can see them past the edge of a
+                                  nearer surface (default 2)
+    ``overscan``                  pixels sampled beyond each side of the crop window, 0 to
+                                  10000; by default as far as the circles of confusion of what
+                                  lies there reach, at any focus within the scene's depth
+    ``min_f_number``              the widest aperture that ``layers`` and ``overscan`` must
+                                  serve; by default that of the lens at hand
+    ``virtual_depth``             depth of what is seen in mirrors and through panes is that of
+                                  its image (default), not that of the mirror or pane
+    ============================  ==========================================================
+
+    On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
+    point. Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    """
+
+    pattern: Pattern = "sampler"
+    threshold: float = PAPERS_THRESHOLD
+    subdivisions: int = 2
+    layers: int = 2
+    overscan: int | None = None
+    min_f_number: float | None = None
+    virtual_depth: bool = True
+
+    def __post_init__(self) -> None:
+        if self.pattern not in PATTERNS:
+            raise ValueError(f"pattern={self.pattern!r}: must be one of {', '.join(PATTERNS)}")
+        if not isinstance(self.threshold, Real):
+            raise TypeError(f"threshold={self.threshold!r}: must be a number >= 0")
+        if not self.threshold >= 0:
+            raise ValueError(f"threshold={self.threshold}: must be >= 0")
+        require_whole("subdivisions", self.subdivisions, 0, 8)
+        require_whole("layers", self.layers, 1, 16)
+        if self.overscan is not None:
+            require_whole("overscan", self.overscan, 0, 10_000)
+        if self.min_f_number is not None and not isinstance(self.min_f_number, Real):
+            raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
+        if self.min_f_number is not None and not self.min_f_number > 0:
+            raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
+        if not isinstance(self.virtual_depth, (bool, np.bool_)):
+            raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
