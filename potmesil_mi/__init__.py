@@ -7,76 +7,38 @@ form the picture through a lens as often as you like::
     samples = pm.render_samples(scene, spp=16)     # once
     image = pm.focus(samples, samples.lens.replace(focus_distance=550, f_number=11))
 
-Importing it registers the plugins ``potmesil`` (sensor), ``point_samples`` and ``focus``
-(integrators) for the variant that is set, and again whenever another is set.
+Importing it offers Dr.Jit an LLVM that works, and registers the plugins ``potmesil`` (sensor),
+``point_samples`` and ``focus`` (integrators) for the variant that is set, and again whenever
+another is set. Mitsuba itself is not imported: what is to be done follows when it is. Public
+names, which ``__init__.pyi`` lists with the modules that define them, are imported at first use.
 """
 
 from __future__ import annotations
 
-from . import _llvm as llvm
+import lazy_loader
 
-llvm.require_usable()
+from ._hook import watch_import
 
-import mitsuba as mi  # noqa: E402
-
-from . import plugins  # noqa: E402
-from .filters.filters import (  # noqa: E402
-    Defocus,
-    Diffraction,
-    Fade,
-    Filter,
-    Star,
-    apply_filters,
-    parse_filter,
-)
-from .focusing.api import focus  # noqa: E402
-from .optics.camera import Camera  # noqa: E402
-from .optics.lens import DepthOfField, ThinLens  # noqa: E402
-from .optics.psf import (  # noqa: E402
-    Aperture,
-    Disc,
-    ImageAperture,
-    Lommel,
-    PointSpreadFunction,
-    Polygon,
-    aperture_of,
-)
-from .samples.point_samples import PointSamples  # noqa: E402
-from .tracing.hidden_surface import render_samples  # noqa: E402
-from .tracing.sampling import Sampling  # noqa: E402
-from .tracing.sensor import potmesil_sensor  # noqa: E402
-
-__all__ = [
-    "Aperture",
-    "Camera",
-    "Defocus",
-    "DepthOfField",
-    "Diffraction",
-    "Disc",
-    "Fade",
-    "Filter",
-    "ImageAperture",
-    "Lommel",
-    "PointSamples",
-    "PointSpreadFunction",
-    "Polygon",
-    "Sampling",
-    "Star",
-    "ThinLens",
-    "aperture_of",
-    "apply_filters",
-    "focus",
-    "parse_filter",
-    "potmesil_sensor",
-    "render_samples",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-def _follow_variant(old: str | None, new: str) -> None:
-    llvm.check_llvm(new, old)
-    plugins.register()
+def _choose_llvm() -> None:
+    from . import _llvm
+
+    _llvm.use_newest_llvm()
 
 
-mi.detail.add_variant_callback(_follow_variant)
-if mi.variant() is not None:
-    plugins.register()
+def _require_llvm() -> None:
+    from . import _backend, _llvm
+
+    _llvm.require_usable(_backend.variant())
+
+
+def _register_plugins() -> None:
+    from . import plugins
+
+    plugins.follow_variants()
+
+
+watch_import("drjit", before=_choose_llvm)
+watch_import("mitsuba", before=_require_llvm, after=_register_plugins)

@@ -106,19 +106,17 @@ def loaded_llvm() -> int:
     return int(dr.detail.llvm_version()[0])
 
 
-def require_usable() -> None:
-    """Called when the package is imported: raises `LLVMError` where no variant could work.
+def require_usable(variant: str | None = None) -> None:
+    """Raise `LLVMError` where no variant could work, or `variant`, Mitsuba's, if one is set.
 
     A usable CUDA device, or a scalar or CUDA variant set beforehand, need no LLVM; `check_llvm`
-    then watches over a later change of the variant.
+    then watches over a later change of the variant. Mitsuba is not imported for it.
     """
     use_newest_llvm()
     import drjit as dr
-    import mitsuba as mi
 
     if loaded_llvm() >= MINIMUM_LLVM:
         return
-    variant = mi.variant()
     if variant is None and dr.has_backend(dr.JitBackend.CUDA):
         return
     if variant is None or variant.startswith("llvm"):

@@ -54,13 +54,14 @@ def old_library():
 # ---------------------------------------------------------------- the package in a new process
 
 WAYS_IN = {
-    "import": ["-c", "import potmesil_mi"],
+    "import": ["-c", "import potmesil_mi, mitsuba"],
     "mitsuba_first": ["-c", "import mitsuba, potmesil_mi"],
     "then_set_variant": [
         "-c",
         "import potmesil_mi, mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
     ],
-    "command": ["-m", "potmesil_mi", "dof"],
+    "public_name": ["-c", "from potmesil_mi import render_samples"],
+    "without_mitsuba": ["-c", "from potmesil_mi import _backend; _backend.Float"],
 }
 
 
@@ -68,6 +69,31 @@ WAYS_IN = {
 def test_an_absent_library_raises_and_is_named(arguments, tmp_path):
     absent = tmp_path / "libLLVM.so"
     assert_llvm_error(run(*arguments, library=absent), f"{absent}: there is no such file")
+
+
+@pytest.mark.parametrize(
+    "command", [["render", "scene.xml"], ["compare", "scene.xml"]], ids=" ".join
+)
+def test_a_command_that_renders_ends_in_one_line_that_says_what_to_install(command, tmp_path):
+    output = ["-o", str(tmp_path / "a.png")]
+    result = run("-m", "potmesil_mi", *command, *output, library=tmp_path / "absent")
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    for said in ("potmesil: error: ", f"LLVM {llvm.MINIMUM_LLVM} or newer", llvm.install_command()):
+        assert said in result.stderr
+
+
+def test_the_error_comes_again_at_the_next_attempt_and_leaves_no_half_of_mitsuba(tmp_path):
+    code = """
+import sys, potmesil_mi
+for _ in range(2):
+    try:
+        import mitsuba
+    except potmesil_mi._llvm.LLVMError:
+        print("LLVMError", "mitsuba" in sys.modules)
+"""
+    result = run("-c", code, library=tmp_path / "absent")
+    assert result.stdout == 2 * "LLVMError False\n", result.stderr
 
 
 @pytest.mark.parametrize("arguments", WAYS_IN.values(), ids=WAYS_IN)
@@ -110,7 +136,7 @@ def test_scalar_variants_need_no_llvm(tmp_path):
 
 
 def test_a_cuda_device_needs_no_llvm(tmp_path):
-    code = "import drjit; drjit.has_backend = lambda backend: True; import potmesil_mi"
+    code = "import drjit; drjit.has_backend = lambda backend: True; import potmesil_mi, mitsuba"
     result = run("-c", code, library=tmp_path / "absent")
     assert result.returncode == 0, result.stderr
 
@@ -132,7 +158,7 @@ def test_a_later_change_to_an_old_llvm_raises_each_time_and_keeps_the_variant(ol
 
 def test_every_change_of_the_variant_is_checked():
     """As above where no old LLVM is installed: the one in use says that it is version 15."""
-    pretend = "from potmesil_mi import llvm\nllvm.loaded_llvm = lambda: 15\n"
+    pretend = "from potmesil_mi import _llvm as llvm\nllvm.loaded_llvm = lambda: 15\n"
     code = SCALAR_FIRST + pretend + TRY_LLVM_TWICE
     result = run("-c", code, library=os.environ.get("DRJIT_LIBLLVM_PATH", ""))
     assert result.stdout == "imported\n" + 2 * "LLVMError scalar_rgb\n", result.stderr

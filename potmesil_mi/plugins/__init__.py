@@ -10,7 +10,7 @@ import importlib
 import sys
 from types import ModuleType
 
-import mitsuba as mi
+from .. import _llvm
 
 PLUGINS = {
     "potmesil": ("sensor", "PotmesilSensor"),
@@ -20,11 +20,27 @@ PLUGINS = {
 """Plugin name (and module): what it is to Mitsuba, and its class."""
 
 
+def follow_variants() -> None:
+    """Register every plugin with Mitsuba's variant, now if one is set and whenever it changes."""
+    import mitsuba as mi
+
+    mi.detail.add_variant_callback(_follow_variant)
+    if mi.variant() is not None:
+        register()
+
+
 def register() -> None:
     """Register every plugin with the variant that is set."""
+    import mitsuba as mi
+
     _load("wrapper")
     for name, (kind, class_name) in PLUGINS.items():
         getattr(mi, f"register_{kind}")(name, getattr(_load(name), class_name))
+
+
+def _follow_variant(old: str | None, new: str) -> None:
+    _llvm.check_llvm(new, old)
+    register()
 
 
 def _load(name: str) -> ModuleType:
