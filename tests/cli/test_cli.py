@@ -1,4 +1,7 @@
+import inspect
 import re
+import subprocess
+import sys
 
 import mitsuba as mi
 import numpy as np
@@ -7,6 +10,9 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi import cli
 from potmesil_mi._image import write_picture
+from potmesil_mi.cli import options
+from potmesil_mi.focusing import api
+from potmesil_mi.tracing import hidden_surface
 from scenes import OTHERS, SCENES
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -236,7 +242,9 @@ def test_an_error_is_one_line_with_exit_code_1_and_no_file(tmp_path, capsys, arg
     ],
 )
 def test_what_must_fail_at_the_end_is_found_before_rendering(tmp_path, monkeypatch, arguments):
-    monkeypatch.setattr(cli, "render_samples", lambda *_, **__: pytest.fail("rendering started"))
+    monkeypatch.setattr(
+        hidden_surface, "render_samples", lambda *_, **__: pytest.fail("rendering started")
+    )
     (tmp_path / "folder.png").mkdir()
     arguments = [argument.format(tmp_path) for argument in arguments]
     assert cli.main(["render", FIGURE, *SMALL, *arguments]) == 1
@@ -262,14 +270,32 @@ def test_wrong_usage_ends_with_exit_code_2(arguments):
     assert caught.value.code == 2
 
 
-def test_ctrl_c_ends_with_exit_code_130_and_no_file(tmp_path, monkeypatch, capsys):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "focus", interrupted)
+
+def test_ctrl_c_ends_with_exit_code_130_and_no_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(api, "focus", interrupted)
     assert cli.main(["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.png")]) == 130
     assert "interrupted" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("module", ["numpy", "mitsuba"])
+def test_ctrl_c_during_imports_ends_with_exit_code_130(module):
+    code = f"""
+import sys
+
+class Finder:
+    def find_spec(name, *_):
+        if name == "{module}":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Finder)
+from potmesil_mi.cli import main
+sys.exit(main(["render", "scene.xml", "-o", "a.png"]))"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (130, "potmesil: interrupted\n")
 
 
 @pytest.mark.parametrize("command", ["render", "focus", "dof"])
@@ -280,3 +306,24 @@ def test_help_has_units_and_examples(command, capsys):
     text = capsys.readouterr().out
     assert "examples:" in text
     assert "in mm" in text
+
+
+@pytest.mark.parametrize(
+    ("texts", "owner"),
+    [(options.SAMPLING_OPTIONS, pm.Sampling), (options.LENS_OPTIONS, pm.ThinLens)],
+    ids=["sampling", "lens"],
+)
+def test_every_parameter_has_an_option_and_every_option_a_parameter(texts, owner):
+    assert set(texts) == set(inspect.signature(owner).parameters)
+
+
+def test_every_option_of_the_method_is_one_of_focus():
+    assert set(options.METHOD_OPTIONS) < set(inspect.signature(pm.focus).parameters)
+
+
+def test_the_program_lists_its_commands_and_tells_its_version(capsys):
+    for arguments, text in (["--help"], "print depths of field"), (["--version"], "0.1.0\n"):
+        with pytest.raises(SystemExit) as caught:
+            cli.main(arguments)
+        assert caught.value.code == 0
+        assert text in capsys.readouterr().out

@@ -1,0 +1,283 @@
+"""What the commands do, and which options they have."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import (
+    add_filter,
+    add_lens,
+    add_method,
+    add_output,
+    add_sampling,
+    add_scene,
+    add_variant,
+    given_lens,
+    given_method,
+    given_sampling,
+    scene_with_lens,
+    set_variant,
+)
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+    from rich.console import Console
+
+# ---------------------------------------------------------------- render
+
+RENDER_EXAMPLES = """
+examples:
+  potmesil render scenes/figure11.xml -o figure11c.png
+  potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
+  potmesil render kitchen.xml --f-number 2 --focus-distance 1.2 -o kitchen.png --samples kitchen.exr
+
+A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
+perspective, which has no lens, with the one that the options describe; the field of view stays.
+An integrator `focus` in the scene says how; any other gives the radiance.
+"""
+
+
+def render_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil render``; returns the examples."""
+    add_output(command)
+    add_scene(command)
+    command.add_argument(
+        "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR"
+    )
+    add_sampling(command)
+    add_lens(command)
+    add_method(command)
+    add_filter(command)
+    return RENDER_EXAMPLES
+
+
+def render(options: argparse.Namespace) -> None:
+    """``potmesil render``: a scene through the lens."""
+    from ..filters.filters import as_filters
+    from ..focusing.api import film_options, focus
+    from ..tracing.hidden_surface import render_samples
+
+    _check_outputs(options.output, options.samples)
+    method = given_method(options)
+    filters = as_filters(options.filter)
+    scene, sensor = scene_with_lens(options)
+    integrator = scene.integrator()
+    samples = render_samples(
+        scene,
+        sensor,
+        integrator,
+        spp=options.spp,
+        seed=options.seed,
+        sampling=given_sampling(options, integrator),
+    )
+    if options.samples:
+        samples.save(options.samples)
+    picture = focus(
+        samples,
+        filters=filters or getattr(integrator, "filters", ()),
+        **film_options(sensor.film()),
+        **{**getattr(integrator, "options", {}), **method},
+    )
+    _write(picture, options.output)
+
+
+# ---------------------------------------------------------------- focus
+
+FOCUS_EXAMPLES = """
+examples:
+  potmesil focus kitchen.exr --focus-distance 3.5 -o far.png
+  potmesil focus kitchen.exr --f-number 8 --method paper --tables 200 -o sharper.exr
+  potmesil focus kitchen.exr --filter star:points=6 --filter fade:amount=0.3 -o star.png
+"""
+
+
+def focus_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil focus``; returns the examples."""
+    command.add_argument("samples", metavar="SAMPLES.exr", help="deep EXR of `render --samples`")
+    add_output(command)
+    add_lens(command)
+    add_method(command)
+    add_filter(command)
+    return FOCUS_EXAMPLES
+
+
+def refocus(options: argparse.Namespace) -> None:
+    """``potmesil focus``: samples through another lens."""
+    from ..filters.filters import as_filters
+    from ..focusing.api import focus
+    from ..samples.point_samples import PointSamples
+
+    _check_outputs(options.output)
+    _require_apart(options.samples, options.output)
+    method = given_method(options)
+    filters = as_filters(options.filter)
+    set_variant(options.variant)
+    samples = PointSamples.load(options.samples)
+    lens = samples.lens.replace(**given_lens(options))
+    _write(focus(samples, lens, filters=filters, **method), options.output)
+
+
+# ---------------------------------------------------------------- compare
+
+COMPARE_EXAMPLES = """
+examples:
+  potmesil compare scenes/figure11.xml -D res=256 -o figure11
+  potmesil compare scenes/terrace.xml -D width=384 -D height=256 --spp 64 -o output/
+  potmesil compare kitchen.xml --f-number 2 --focus-distance 1.2 --reference-floor 55
+
+Writes focused, thinlens, reference and difference, each as .exr and .png; thinlens is that of about
+equal error, or of equal samples where its error stays the larger; difference is that of focused and
+reference, x {difference_factor:g}. Needs pip install 'potmesil_mi[compare]'.
+"""
+
+
+def compare_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil compare``; returns the examples."""
+    from ..evaluation.compare import DIFFERENCE_FACTOR, FLOOR_MARGIN, REFERENCE_SPP
+
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER|PREFIX",
+        help="where to write the pictures: in a folder, or PREFIX-focused.exr and so on; "
+        "without it only the measurements are printed",
+    )  # fmt: skip
+    add_variant(command)
+    add_scene(command)
+    command.add_argument(
+        "--reference-spp", type=int, metavar="N", default=REFERENCE_SPP,
+        help="most samples a pixel of the reference (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--reference-floor", type=float, metavar="DB",
+        help="PSNR of the reference's own noise at which it is done (default: "
+        f"{FLOOR_MARGIN:g} dB above the focused picture's)",
+    )  # fmt: skip
+    add_sampling(command)
+    add_lens(command)
+    add_method(command)
+    return COMPARE_EXAMPLES.format(difference_factor=DIFFERENCE_FACTOR)
+
+
+def against_thinlens(options: argparse.Namespace) -> None:
+    """``potmesil compare``: the focused picture beside a ray-traced one."""
+    from ..evaluation.compare import compare, output_paths
+    from ..evaluation.metrics import require_extra
+
+    require_extra()
+    if options.output:
+        output_paths(options.output)
+    method = given_method(options)
+    scene, sensor = scene_with_lens(options)
+    integrator = scene.integrator()
+    comparison = compare(
+        scene,
+        sensor,
+        spp=options.spp,
+        seed=options.seed,
+        sampling=given_sampling(options, integrator),
+        reference_spp=options.reference_spp,
+        reference_floor=options.reference_floor,
+        **{**getattr(integrator, "options", {}), **method},
+    )
+    console = _console()
+    console.print(comparison.table())
+    console.print(comparison.summary())
+    for path in comparison.write(options.output) if options.output else ():
+        print(path)
+
+
+# ---------------------------------------------------------------- dof
+
+DOF_EXAMPLES = """
+examples:
+  potmesil dof                      Table 1 of the paper
+  potmesil dof --focal-length 50 --f-number 1.8 --focus-distance 1000 2000 inf
+"""
+
+
+def dof_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil dof``; returns the examples."""
+    command.add_argument("--focal-length", type=float, default=55.0, help="in mm (default 55)")
+    command.add_argument(
+        "--f-number", type=float, nargs="+", default=[5.6, 11, 22], metavar="N",
+        help="aperture numbers (default 5.6 11 22)",
+    )  # fmt: skip
+    command.add_argument(
+        "--focus-distance", type=float, nargs="+", default=[2000, 980, 550, 290], metavar="U",
+        help="focused distances in scene units; inf is allowed (default 2000 980 550 290)",
+    )  # fmt: skip
+    command.add_argument(
+        "--millimeters-per-unit", type=float, default=1.0, help="size of a scene unit (default 1)"
+    )
+    return DOF_EXAMPLES
+
+
+def dof(options: argparse.Namespace) -> None:
+    """``potmesil dof``: a table of depths of field."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    from ..optics.lens import ThinLens
+
+    unit = "mm" if options.millimeters_per_unit == 1 else "units"
+    digits = 0 if unit == "mm" else 3
+    table = Table(box=SIMPLE, title=f"Depth of field of a {options.focal_length:g} mm lens")
+    for heading in ("Aperture", "Focused distance", "U+", "U-", "Depth of field"):
+        table.add_column(heading if heading == "Aperture" else f"{heading}\n({unit})")
+        table.columns[-1].justify = "right"
+    diameters = []
+    for f_number in options.f_number:
+        for distance in options.focus_distance:
+            lens = ThinLens(
+                options.focal_length,
+                f_number,
+                distance,
+                millimeters_per_unit=options.millimeters_per_unit,
+            )
+            near, far = (round(limit, digits) if math.isfinite(limit) else limit
+                         for limit in lens.depth_of_field())  # fmt: skip
+            table.add_row(
+                f"f/{f_number:g}",
+                f"{distance:g}",
+                *(f"{value:.{digits}f}" for value in (far, near, far - near)),
+            )
+        diameters.append(f"{lens.lens_diameter:.2f} mm at f/{f_number:g}")
+    console = _console()
+    console.print(table)
+    console.print(f"Lens diameter is {', '.join(diameters)}")
+
+
+# ---------------------------------------------------------------- output
+
+
+def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
+    """Find out before a long rendering that its result cannot be written."""
+    from .._image import PICTURES, require_writable
+
+    for path in pictures:
+        require_writable(path, PICTURES)
+    if samples:
+        require_writable(samples, [".exr"])
+        _require_apart(samples, pictures)
+
+
+def _require_apart(samples: str, pictures: Sequence[str]) -> None:
+    if Path(samples).resolve() in {Path(path).resolve() for path in pictures}:
+        raise ValueError(f"{samples}: the picture must not take the place of its samples")
+
+
+def _write(picture: mi.TensorXf, paths: Sequence[str]) -> None:
+    from .._image import write_picture
+
+    for path in paths:
+        write_picture(picture, path)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 100)

@@ -1,0 +1,229 @@
+"""Options that commands share, made from the parameters they stand for, and what they say."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..tracing.sampling import Sampling
+
+VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
+"""Mitsuba's variants of which the first that works is taken."""
+
+SAMPLING_OPTIONS = {
+    "pattern": "where the image is sampled",
+    "threshold": "adaptive: intensity difference that is subdivided",
+    "subdivisions": "adaptive: most subdivisions, 0 to 8",
+    "layers": "surfaces along a ray, for what near edges uncover (default 2)",
+    "overscan": "beyond each side (default: as far as circles of confusion reach)",
+    "min_f_number": "widest aperture that the samples must serve (default: the lens's)",
+    "virtual_depth": "what is seen in mirrors has the depth of its image (default: yes)",
+}
+"""Help of the options that are fields of ``Sampling``."""
+
+LENS_OPTIONS = {
+    "f_number": "aperture number F/D",
+    "aperture_radius": "in scene units, in place of --f-number",
+    "focus_distance": "in scene units along the axis, or inf",
+    "focal_length": "in mm",
+    "frame_width": "width of the film in mm",
+    "millimeters_per_unit": "size of a scene unit in mm",
+    "film": "film at F, or at the focused image",
+    "aperture": "disc, polygon:blades=6,rotation=15,curvature=0.2, image:filename=heart.png, or "
+    "lommel:wavelengths=610/550/465",
+    "squeeze": "anamorphic: height of highlights to width",
+    "vignetting": "of the lens's rim, in the corners",
+}
+"""Help of the options that are parameters of ``ThinLens``."""
+
+METHOD_OPTIONS = {
+    "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation 20",
+    "lens_points": "points of the lens from which visibility is found (layered 32, lightfield 128)",
+    "tables": "paper: number of depth tables (default 73)",
+    "inverse_square": "paper: weight samples by 1/z^2 (default: yes)",
+    "squares": "squares on a side of a pixel (layered 1, others 2)",
+}
+"""Help of the options that say how ``focus`` forms the picture."""
+
+METAVARS = {
+    "overscan": "PIXELS",
+    "min_f_number": "N",
+    "f_number": "N",
+    "aperture_radius": "R",
+    "focus_distance": "U",
+    "focal_length": "F",
+    "frame_width": "W",
+    "millimeters_per_unit": "S",
+    "aperture": "SHAPE",
+    "squeeze": "RATIO",
+    "vignetting": "SHARE",
+}
+"""What stands for the value of an option in the help, where it is not the option's name."""
+
+
+# ---------------------------------------------------------------- groups of options
+
+
+def add_scene(command: argparse.ArgumentParser) -> None:
+    """Add the options of the scene and of its samples."""
+    command.add_argument("scene", metavar="SCENE.xml", help="the scene")
+    command.add_argument(
+        "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
+        help="value of a $KEY in the scene; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--sensor", type=int, default=0, help="number of the sensor (default 0)")
+    command.add_argument(
+        "--spp", type=int, default=0, help="samples a pixel (default: the sampler's count)"
+    )
+    command.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+
+
+def add_output(command: argparse.ArgumentParser) -> None:
+    """Add the options of the pictures to write, and of the variant."""
+    command.add_argument(
+        "-o", "--output", metavar="FILE", action="append", required=True,
+        help="picture to write, linear float .exr or sRGB .png, .jpg; may be given several times",
+    )  # fmt: skip
+    add_variant(command)
+
+
+def add_variant(command: argparse.ArgumentParser) -> None:
+    """Add the option that names Mitsuba's variants."""
+    command.add_argument(
+        "-m", "--variant", default=",".join(VARIANTS),
+        help="Mitsuba variants, of which the first that works is taken (default %(default)s)",
+    )  # fmt: skip
+
+
+def add_sampling(command: argparse.ArgumentParser) -> None:
+    """Add an option for each field of ``Sampling``."""
+    from ..tracing.sampling import Sampling
+
+    group = command.add_argument_group("sampling", "default: what the scene's integrator says")
+    _add_parameters(group, _types_of(Sampling), SAMPLING_OPTIONS)
+
+
+def add_lens(command: argparse.ArgumentParser) -> None:
+    """Add an option for each parameter of ``ThinLens``."""
+    from ..optics.lens import ThinLens
+
+    group = command.add_argument_group("lens", "default: what the scene or the samples say")
+    _add_parameters(group, _types_of(ThinLens), LENS_OPTIONS)
+
+
+def add_method(command: argparse.ArgumentParser) -> None:
+    """Add an option for each parameter of the methods of ``focus``."""
+    from ..focusing.api import METHODS
+
+    types = {"method": Literal[METHODS], "lens_points": int, "tables": int}
+    types |= {"inverse_square": bool, "squares": int}
+    _add_parameters(command.add_argument_group("focus stage"), types, METHOD_OPTIONS)
+
+
+def add_filter(command: argparse.ArgumentParser) -> None:
+    """Add the option for special effects."""
+    from ..filters.filters import FILTERS
+
+    group = command.add_argument_group("special effects")
+    group.add_argument(
+        "--filter", metavar="NAME:PARAMETER=VALUE,...", action="append", default=[],
+        help=f"{', '.join(FILTERS)}, such as star:points=6,length=0.1,threshold=2; may be given "
+        "several times, in order, and takes the place of the scene's",
+    )  # fmt: skip
+
+
+def _types_of(owner: type) -> dict[str, Any]:
+    """Types of the parameters with which objects of a class are made."""
+    return get_type_hints(owner.__init__)  # type: ignore[misc]
+
+
+def _add_parameters(
+    group: argparse._ArgumentGroup, types: Mapping[str, Any], texts: Mapping[str, str]
+) -> None:
+    """Add an option for each parameter in ``texts``, which have their help; ``None`` by default."""
+    for name, text in texts.items():
+        option = "--" + name.replace("_", "-")
+        group.add_argument(option, help=text, metavar=METAVARS.get(name), **_parsing(types[name]))
+
+
+def _parsing(kind: Any) -> dict[str, Any]:
+    """How ``argparse`` reads a parameter of a type, which may be optional."""
+    kinds = [kind] if get_origin(kind) in (None, Literal) else get_args(kind)
+    for one in kinds:
+        if get_origin(one) is Literal:
+            return {"choices": get_args(one)}
+    if bool in kinds:
+        return {"action": argparse.BooleanOptionalAction}
+    if str in kinds:
+        return {}
+    return {"type": int if int in kinds else float}
+
+
+def _definition(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not key or not equals:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be KEY=VALUE")
+    return key, value
+
+
+# ---------------------------------------------------------------- what the options say
+
+
+def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
+    """The scene, and its sensor with the lens of the options."""
+    import mitsuba as mi
+
+    from ..tracing.sensor import has_lens, pick_sensor, potmesil_sensor
+
+    set_variant(options.variant)
+    # Optimised loading merges meshes of one material, and with them their ids and names.
+    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    if scene.integrator() is None:
+        raise ValueError(f"{options.scene}: has no integrator")
+    sensor = pick_sensor(scene, options.sensor)
+    lens = given_lens(options)
+    if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
+        raise ValueError(
+            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
+            "--aperture-radius) and --focus-distance"
+        )
+    return scene, potmesil_sensor(sensor, **lens)
+
+
+def given_lens(options: argparse.Namespace) -> dict[str, Any]:
+    """Parameters of the lens that the options give."""
+    return _given(options, LENS_OPTIONS)
+
+
+def given_sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sampling:
+    """What the options say of the sampling, and for the rest what the integrator says."""
+    from ..tracing.sampling import Sampling
+
+    sampling = getattr(integrator, "sampling", Sampling())
+    return dataclasses.replace(sampling, **_given(options, SAMPLING_OPTIONS))
+
+
+def given_method(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say to ``focus``; raises before anything is rendered."""
+    from ..focusing.api import check_options
+
+    method = _given(options, METHOD_OPTIONS)
+    check_options(**method)
+    return method
+
+
+def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    values = {name: getattr(options, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def set_variant(names: str) -> None:
+    """Set the first of Mitsuba's variants that works, of several with commas between."""
+    import mitsuba as mi
+
+    mi.set_variant(*names.split(","))
