@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
@@ -21,8 +22,21 @@ def require_number(name: str, value: Any, least: float = -math.inf, most: float 
     """Raise ``TypeError`` unless ``value`` is a number, ``ValueError`` unless it is in range."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
         raise TypeError(f"{name}={value!r}: must be a number")
-    if not (least <= float(value) <= most and math.isfinite(value)):
+    try:
+        number = float(value)
+    except OverflowError:  # A whole number may be larger than any other.
+        number = math.inf
+    if not (least <= number <= most and math.isfinite(number)):
         allowed = f"{least:g} to {most:g}"
         if math.isinf(most):
             allowed = "finite" if math.isinf(least) else f">= {least:g} and finite"
         raise ValueError(f"{name}={value}: must be {allowed}")
+
+
+def require_choice(name: str, value: Any, choices: Iterable[str]) -> None:
+    """Raise ``TypeError`` unless ``value`` is text, ``ValueError`` unless it is a choice."""
+    choices = tuple(choices)
+    if not isinstance(value, str):
+        raise TypeError(f"{name}={value!r}: must be one of {', '.join(choices)}")
+    if value not in choices:
+        raise ValueError(f"{name}={value!r}: must be one of {', '.join(choices)}")

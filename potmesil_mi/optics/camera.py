@@ -8,11 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
+from .._validation import require_choice, require_number, require_whole
+
+FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
+"""Along what a field of view is given, as in Mitsuba's ``perspective``."""
+
+FOV_AXES: tuple[FovAxis, ...] = get_args(FovAxis)
+"""The axes of :data:`FovAxis`."""
+
+LARGEST_FILM = 1 << 24
+"""Most pixels on a side of the film; from there on float32 does not tell neighbours apart."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,16 +37,19 @@ class Camera:
     Field                         Meaning
     ============================  ==========================================================
     ``film_size``                 width and height of the whole film in pixels
-    ``crop_offset``               first pixel (x, y) of the crop window
+    ``crop_offset``               first pixel (x, y) of the crop window, which lies in the film
     ``crop_size``                 width and height of the crop window in pixels
-    ``x_fov``                     horizontal field of view of the whole film in degrees
+    ``x_fov``                     horizontal field of view of the whole film in degrees, > 0 and
+                                  < 180
     ``to_world``                  4x4 camera-to-world matrix
-    ``near_clip``, ``far_clip``   clipping planes, scene units along z
+    ``near_clip``, ``far_clip``   clipping planes, scene units along z, 0 < near < far
     ``principal_point_offset``    offset (x, y) as a share of the film size, as in
                                   Mitsuba's ``perspective``
     ``shutter_open``,             the interval of time in which rays are sampled
     ``shutter_close``
     ============================  ==========================================================
+
+    Raises ``TypeError`` or ``ValueError`` that names the field, its value and what is allowed.
     """
 
     film_size: tuple[int, int]
@@ -50,6 +63,36 @@ class Camera:
     shutter_open: float = 0.0
     shutter_close: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name, least in (("film_size", 1), ("crop_offset", 0), ("crop_size", 1)):
+            for i, number in enumerate(_several(name, getattr(self, name), 2)):
+                require_whole(f"{name}[{i}]", number, least, LARGEST_FILM)
+        for i, film in enumerate(self.film_size):
+            if self.crop_offset[i] + self.crop_size[i] > film:
+                raise ValueError(
+                    f"crop_offset[{i}]={self.crop_offset[i]}, crop_size[{i}]={self.crop_size[i]}: "
+                    f"the crop window must lie in the film of {film} pixels"
+                )
+        require_number("x_fov", self.x_fov)
+        if not 0 < self.x_fov < 180:
+            raise ValueError(f"x_fov={self.x_fov}: must be > 0 and < 180 degrees")
+        for i, row in enumerate(_several("to_world", self.to_world, 4)):
+            for j, number in enumerate(_several(f"to_world[{i}]", row, 4)):
+                require_number(f"to_world[{i}][{j}]", number)
+        require_number("near_clip", self.near_clip)
+        if not (isinstance(self.far_clip, float) and self.far_clip == math.inf):
+            require_number("far_clip", self.far_clip)
+        if not 0 < self.near_clip < self.far_clip:
+            raise ValueError(
+                f"near_clip={self.near_clip}, far_clip={self.far_clip}: must be > 0, and the "
+                "second larger"
+            )
+        offset = _several("principal_point_offset", self.principal_point_offset, 2)
+        for i, number in enumerate(offset):
+            require_number(f"principal_point_offset[{i}]", number)
+        require_number("shutter_open", self.shutter_open)
+        require_number("shutter_close", self.shutter_close, float(self.shutter_open))
+
     @property
     def focal_length_pixels(self) -> float:
         """Distance of the film from the pinhole in pixels: what a slope of 1 is worth."""
@@ -60,8 +103,21 @@ class Camera:
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Camera:
-        """The inverse of :meth:`to_dict`; lists become tuples. Unknown names are a TypeError."""
+    def from_dict(cls, values: Mapping[str, Any]) -> Camera:
+        """The inverse of :meth:`to_dict`; lists become tuples.
+
+        Raises ``TypeError`` for unknown and missing names, and what the constructor raises.
+        """
+        fields = dataclasses.fields(cls)
+        unknown = sorted(set(values) - {field.name for field in fields})
+        if unknown:
+            raise TypeError(
+                f"{unknown[0]}: not a field of Camera, which has "
+                f"{', '.join(field.name for field in fields)}"
+            )
+        for field in fields:
+            if field.default is dataclasses.MISSING and field.name not in values:
+                raise TypeError(f"{field.name}: must be given for a Camera")
         return cls(**{name: _tuples(value) for name, value in values.items()})
 
 
@@ -83,7 +139,7 @@ def orientation(pan: float, tilt: float, swing: float) -> np.ndarray:
     return about_y @ about_x @ about_z
 
 
-def horizontal_fov(fov: float, axis: str, aspect: float) -> float:
+def horizontal_fov(fov: float, axis: FovAxis, aspect: float) -> float:
     """The field of view along x in degrees of one given along ``axis``.
 
     ``axis`` is ``x``, ``y``, ``diagonal``, ``smaller`` or ``larger``, as in ``perspective``;
@@ -92,8 +148,7 @@ def horizontal_fov(fov: float, axis: str, aspect: float) -> float:
     """
     if not 0 < fov < 180:
         raise ValueError(f"fov={fov}: must be > 0 and < 180 degrees")
-    if axis not in FOV_AXES:
-        raise ValueError(f"fov_axis={axis!r}: must be one of {', '.join(FOV_AXES)}")
+    require_choice("fov_axis", axis, FOV_AXES)
     if axis in ("smaller", "larger"):
         axis = "x" if (axis == "larger") == (aspect > 1) else "y"
     scale = {"x": 1.0, "y": aspect, "diagonal": aspect / math.hypot(1, aspect)}[axis]
@@ -102,3 +157,10 @@ def horizontal_fov(fov: float, axis: str, aspect: float) -> float:
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+def _several(name: str, values: Any, count: int) -> tuple[Any, ...]:
+    """The ``count`` values; raises ``TypeError`` for what is no tuple of so many."""
+    if not isinstance(values, tuple) or len(values) != count:
+        raise TypeError(f"{name}={values!r}: must be a tuple of {count}")
+    return values

@@ -13,13 +13,21 @@ What is hidden from the pinhole would spoil the flattened picture. It is in a se
 file, named ``hidden``, which is there only if there are such samples; readers that know one part
 take the first, ``visible``. Its channels are the same and ``potmesil.layer``.
 
-Version 1 had neither hidden samples nor overscan, and positions relative to the pixel.
+Version 1 had neither hidden samples nor overscan, and positions relative to the pixel. Versions
+1 and 2 call the lens's ``film`` ``image_distance``.
+
+What is in a file is not trusted: its header is data of a known form, names no other file, and
+memory is taken only as its size justifies.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,156 +35,285 @@ import numpy as np
 import OpenEXR
 
 from .._image import require_writable, written_whole
+from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from .point_samples import PointSamples
+from .columns import Columns
+from .exr_layout import require_bounded
+from .raster import Window
 
-VERSION = 2
+VERSION = 3
+"""Of the files that are written; earlier ones are read as well."""
+
+F_NUMBERS = (1e-4, 1e12)
+"""Finite aperture numbers of which single precision forms pictures."""
+
+MAGNITUDES = (1e-30, 1e30)
+"""The same of other numbers of a camera and a lens, if they are neither 0 nor infinite."""
+
+NAMES_A_FILE = re.compile(r"[:,]\s*filename\s*=")
+"""Parameter of a spec with which people, and never files, say what file is to be opened."""
+
+LONGEST_JSON = 1 << 26
+"""Most characters of a camera or a lens. An aperture of 4096 x 4096 elements may be as long."""
 
 _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
 _LAYER = "potmesil.layer"
 
 
-def save(samples: PointSamples, path: str | os.PathLike[str]) -> None:
-    """Write ``samples`` to a deep EXR, whose name must end in ``.exr``.
+@dataclasses.dataclass(frozen=True)
+class Header:
+    """What a file says of its samples as a whole.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``camera``, ``lens``          the pinhole that took them, the lens that came with it
+    ``window``                    pixels of the film that were sampled
+    ``surfaces``                  name of every surface id
+    ``lattice``                   positions are multiples of 1/lattice pixels; 0 for any
+    ============================  ==========================================================
+
+    Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
+    ``window``, and for numbers of which single precision forms no picture: an f-number that is
+    neither in ``F_NUMBERS`` nor infinite, others beyond ``MAGNITUDES``.
+    """
+
+    camera: Camera
+    lens: ThinLens
+    window: Window
+    surfaces: Mapping[int, str]
+    lattice: int
+
+    def __post_init__(self) -> None:
+        require_whole("lattice", self.lattice, 0, 1 << 16)
+        crop = Window(*self.camera.crop_offset, *self.camera.crop_size)
+        if not self.window.covers(crop):
+            raise ValueError(
+                f"crop window {tuple(crop)}: must lie in the window {tuple(self.window)} that was "
+                "sampled"
+            )
+        lens = self.lens.plain()
+        least, most = F_NUMBERS
+        if not (least <= lens.f_number <= most or lens.f_number == math.inf):
+            raise ValueError(f"f_number={lens.f_number}: must be {least:g} to {most:g}, or inf")
+        for name, value in [*lens.parameters().items(), *self.camera.to_dict().items()]:
+            if name not in ("f_number", "aperture_radius"):
+                _require_magnitude(name, value)
+
+
+def write(path: str | os.PathLike[str], header: Header, columns: Columns) -> None:
+    """Write samples to a deep EXR, whose name must end in ``.exr``.
 
     Raises ``ValueError`` for another name and ``OSError`` where it cannot be written; then
     nothing is left behind.
     """
     path = require_writable(path, [".exr"])
-    header = _header(samples)
-    hidden = samples.layer > 0
-    parts = [OpenEXR.Part(header, _channels(samples, ~hidden), name="visible")]
+    attributes = _attributes(header)
+    hidden = columns.layer > 0
+    parts = [OpenEXR.Part(attributes, _channels(columns, header.window, ~hidden), name="visible")]
     if hidden.any():
-        parts.append(OpenEXR.Part(dict(header), _channels(samples, hidden), name="hidden"))
+        channels = _channels(columns, header.window, hidden)
+        parts.append(OpenEXR.Part(dict(attributes), channels, name="hidden"))
     with written_whole(path) as temporary, OpenEXR.File(parts) as file:
         file.write(str(temporary))
 
 
-def load(path: str | os.PathLike[str]) -> PointSamples:
-    """Read a deep EXR that :func:`save` wrote.
+def read(path: str | os.PathLike[str]) -> tuple[Header, Columns]:
+    """What :func:`write` wrote.
 
-    Raises ``FileNotFoundError`` or ``IsADirectoryError`` where there is none, and ``ValueError``
-    for a file that is not EXR, is truncated, or does not hold the samples of this package.
+    Raises ``OSError`` where there is no file or it cannot be read, and ``ValueError`` for one
+    that is not EXR, is truncated or damaged, needs more memory than its size justifies (see
+    :func:`.exr_layout.require_bounded`), does not hold the samples of this package, or holds
+    samples of which no picture can be formed. Each names the file.
     """
     path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, not a file")
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
-    if not OpenEXR.isOpenExrFile(str(path)):
-        raise ValueError(f"{path}: is not an EXR file")
+    if not path.is_file():
+        raise OSError(f"{path}: is not a file that can be read from its end")
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            header, parts = dict(file.header()), len(file.parts)
-        missing = {"potmesil:samples", "potmesil:camera", "potmesil:lens"} - set(header)
-        if header.get("type") != OpenEXR.deepscanline or missing:
-            raise ValueError(
-                f"{path}: does not hold point samples; it must be a deep EXR that "
-                "PointSamples.save wrote"
-            )
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            if len(file.parts) < parts:  # parts that cannot be read are left out
-                raise ValueError(f"{path}: is truncated or damaged")
-            return _samples(header, [part.channels for part in file.parts])
-    except (RuntimeError, LookupError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: is damaged or not of this version: {error}") from error
+        return _read(path)
+    except OSError as error:
+        raise type(error)(f"{path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    except Exception as error:  # Whatever OpenEXR, a parser or a check makes of a damaged file.
+        what = str(error) or type(error).__name__
+        raise ValueError(f"{path}: is damaged or not of this version: {what}") from error
 
 
-def _header(samples: PointSamples) -> dict[str, Any]:
-    camera, lens = samples.camera, samples.lens
-    parameters = lens.to_dict()
-
-    def window(x: int, y: int, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-        return (
-            np.array([x, y], dtype=np.int32),
-            np.array([x + width - 1, y + height - 1], dtype=np.int32),
+def _read(path: Path) -> tuple[Header, Columns]:
+    """See :func:`read`; errors do not name the file."""
+    if not OpenEXR.isOpenExrFile(str(path)):
+        raise ValueError("is not an EXR file")
+    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        attributes, parts = dict(file.header()), len(file.parts)
+    missing = {"potmesil:samples", "potmesil:camera", "potmesil:lens"} - set(attributes)
+    if attributes.get("type") != OpenEXR.deepscanline or missing:
+        raise ValueError(
+            "does not hold point samples; it must be a deep EXR that PointSamples.save wrote"
         )
+    require_bounded(path)
+    header, version = _parsed(attributes)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        if len(file.parts) < parts:  # parts that cannot be read are left out
+            raise ValueError("is truncated or damaged")
+        read = [_columns(part.channels, header.window, version) for part in file.parts]
+    columns = [part for part in read if part is not None]
+    if not columns:
+        raise ValueError("there are no samples in it")
+    samples = Columns.joined(columns)
+    if not samples.all_valid:
+        raise ValueError(
+            f"is damaged: {np.count_nonzero(~samples.is_valid())} of {len(samples)} samples have "
+            "radiance, alpha, position or weight not finite, or depth or weight not > 0"
+        )
+    return header, samples
 
+
+def _attributes(header: Header) -> dict[str, Any]:
+    """The header as attributes of OpenEXR."""
+    lens = header.lens.plain()
+    width, height = header.camera.film_size
     manifest = OpenEXR.IDManifest()
     group = manifest.add({"id"})
     group.setComponent("name")
     group.setHashScheme(OpenEXR.ID_MANIFEST_NOTHASHED)
     group.setEncodingScheme(OpenEXR.ID_MANIFEST_ID_SCHEME)
     group.setLifetime(OpenEXR.LIFETIME_STABLE)
-    for surface, name in samples.surfaces.items():
+    for surface, name in header.surfaces.items():
         group.insert(surface, name)
     return {
         "type": OpenEXR.deepscanline,
         "compression": OpenEXR.ZIPS_COMPRESSION,
-        "displayWindow": window(0, 0, *camera.film_size),
-        "dataWindow": window(*samples.window),
+        "displayWindow": _corners(Window(0, 0, width, height)),
+        "dataWindow": _corners(header.window),
         "idManifest": manifest,
-        "aperture": lens.plain().f_number,
-        "focus": parameters["focus_distance"] * parameters["millimeters_per_unit"] / 1000,
-        "nominalFocalLength": parameters["focal_length"],
-        "potmesil:camera": json.dumps(camera.to_dict()),
-        "potmesil:lens": json.dumps(parameters),
-        "potmesil:samples": json.dumps({"version": VERSION, "lattice": samples.lattice}),
+        "aperture": lens.f_number,
+        "focus": lens.focus_distance * lens.millimeters_per_unit / 1000,
+        "nominalFocalLength": lens.focal_length,
+        "potmesil:camera": json.dumps(header.camera.to_dict()),
+        "potmesil:lens": json.dumps(header.lens.to_dict()),
+        "potmesil:samples": json.dumps({"version": VERSION, "lattice": header.lattice}),
     }
 
 
-def _channels(samples: PointSamples, chosen: np.ndarray) -> dict[str, np.ndarray]:
+def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """First and last pixel, both of the window, as OpenEXR has them."""
+    return (
+        np.array([window.left, window.top], dtype=np.int32),
+        np.array([window.right - 1, window.bottom - 1], dtype=np.int32),
+    )
+
+
+def _parsed(attributes: dict[str, Any]) -> tuple[Header, int]:
+    """The header that attributes stand for, and the version of the file."""
+    about = _json_object(attributes, "potmesil:samples", {"version", "lattice"})
+    version = about["version"]
+    if isinstance(version, bool) or version not in range(1, VERSION + 1):
+        known = ", ".join(map(str, range(1, VERSION)))
+        raise ValueError(f"version {version}: must be {known} or {VERSION}")
+    (left, top), (right, bottom) = (
+        tuple(int(n) for n in corner) for corner in attributes["dataWindow"]
+    )
+    window = Window.of((left, top, right - left + 1, bottom - top + 1), "dataWindow")
+    header = Header(
+        Camera.from_dict(_json_object(attributes, "potmesil:camera")),
+        _lens(_json_object(attributes, "potmesil:lens")),
+        window,
+        {entry.id(): entry.text()[0] for entry in attributes["idManifest"][0]},
+        about["lattice"],
+    )
+    return header, version
+
+
+def _json_object(
+    attributes: dict[str, Any], name: str, names: set[str] | None = None
+) -> dict[str, Any]:
+    """The JSON object in a text attribute; with ``names`` it must have those."""
+    text = attributes[name]
+    if not isinstance(text, str) or len(text) > LONGEST_JSON:
+        raise ValueError(f"{name}: must be text of at most {LONGEST_JSON} characters")
+    try:
+        values = json.loads(text, parse_constant=_infinity)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{name}: is not JSON: {error}") from error
+    if not isinstance(values, dict) or (names and names != values.keys()):
+        expected = f" with {', '.join(sorted(names))}" if names else ""
+        raise ValueError(f"{name}: must be a JSON object{expected}")
+    return values
+
+
+def _infinity(text: str) -> float:
+    """What JSON has no word for and Python writes; NaN is nowhere a value."""
+    if text == "NaN":
+        raise ValueError("NaN is not a number that is allowed")
+    return float(text)
+
+
+def _lens(values: dict[str, Any]) -> ThinLens:
+    """The lens of a header, whose aperture names no file."""
+    for name, value in values.items():
+        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
+            raise ValueError(f"{name}={value!r}: must be a number or text")
+        if name == "aperture" and NAMES_A_FILE.search(str(value)):
+            raise ValueError(f"{name}={value!r}: must not name a file that is to be opened")
+    return ThinLens.from_dict(values)
+
+
+def _require_magnitude(name: str, value: Any) -> None:
+    """Raise ``ValueError`` for a number, or one in a tuple, that single precision cannot use."""
+    if isinstance(value, tuple):
+        for i, item in enumerate(value):
+            _require_magnitude(f"{name}[{i}]", item)
+        return
+    least, most = MAGNITUDES
+    usable = not isinstance(value, (int, float)) or value == 0 or abs(value) == math.inf
+    if not usable and not least <= abs(value) <= most:
+        raise ValueError(f"{name}={value}: must be 0, or {least:g} to {most:g} in size")
+
+
+def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str, np.ndarray]:
     """The deep channels of the ``chosen`` samples."""
-    width, height = samples.window[2:]
-    pixel = samples.pixel()[chosen]
-    order = np.lexsort([samples.z[chosen], pixel])
-    counts = np.bincount(pixel, minlength=width * height)
+    pixel = window.pixel_of(columns.x, columns.y)[chosen]
+    order = np.lexsort([columns.z[chosen], pixel])
+    counts = np.bincount(pixel, minlength=window.size)
     order = np.flatnonzero(chosen)[order]
-    weight, alpha = samples.weight[order], samples.alpha[order]
+    weight, alpha = columns.weight[order], columns.alpha[order]
     share = _share(weight, alpha, counts)
-    columns = {
+    channels = {
         "A": (alpha * share).astype(np.float32),
-        "Z": samples.z[order],
-        "id": samples.surface[order],
-        "potmesil.x": samples.x[order],
-        "potmesil.y": samples.y[order],
+        "Z": columns.z[order],
+        "id": columns.surface[order],
+        "potmesil.x": columns.x[order],
+        "potmesil.y": columns.y[order],
         "potmesil.weight": weight,
         "potmesil.alpha": alpha,
     }
     for i, name in enumerate("RGB"):
-        columns[name] = (samples.rgb[order, i] * share).astype(np.float32)
-    layer = samples.layer[order].astype(np.uint32)
+        channels[name] = (columns.rgb[order, i] * share).astype(np.float32)
+    layer = columns.layer[order].astype(np.uint32)
     if layer.any():
-        columns[_LAYER] = layer
+        channels[_LAYER] = layer
     return {
-        name: _per_pixel(values, counts).reshape(height, width) for name, values in columns.items()
+        name: _per_pixel(values, counts).reshape(window.shape) for name, values in channels.items()
     }
 
 
-def _samples(header: dict[str, Any], parts: list[dict[str, Any]]) -> PointSamples:
-    about = json.loads(header["potmesil:samples"])
-    version = about["version"]
-    if version not in (1, VERSION):
-        raise ValueError(f"version {version}: must be 1 or {VERSION}")
-    (left, top), (right, bottom) = (
-        tuple(int(n) for n in corner) for corner in header["dataWindow"]
-    )
-    window = (left, top, right - left + 1, bottom - top + 1)
-    columns = [_columns(channels, window, version) for channels in parts]
-    columns = [part for part in columns if part]
-    if not columns:
-        raise ValueError("there are no samples in it")
-    return PointSamples(
-        **{name: np.concatenate([part[name] for part in columns]) for name in columns[0]},
-        camera=Camera.from_dict(json.loads(header["potmesil:camera"])),
-        lens=ThinLens.from_dict(json.loads(header["potmesil:lens"])),
-        surfaces={e.id(): e.text()[0] for e in header["idManifest"][0]},
-        lattice=about["lattice"],
-        window=window,
-    )
-
-
-def _columns(
-    channels: dict[str, Any], window: tuple[int, int, int, int], version: int
-) -> dict[str, np.ndarray]:
-    """The columns of one part of a file; none where it has no samples."""
+def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
+    """The samples of one part of a file; none where it has no samples."""
     names = ["R", "G", "B", "Z", "id", *_OWN]
     names += [_LAYER] if _LAYER in channels else []
+    absent = [name for name in names if name not in channels]
+    if absent:
+        raise ValueError(f"is damaged or not of this version: it has no channel {absent[0]}")
     pixels = {name: channels[name].pixels.ravel() for name in names}
     counts = np.array([0 if values is None else len(values) for values in pixels["Z"]])
     if not counts.any():
-        return {}
+        return None
     flat = {
         name: np.concatenate([values for values in column if values is not None])
         for name, column in pixels.items()
@@ -184,21 +321,20 @@ def _columns(
     weight, alpha = flat["potmesil.weight"], flat["potmesil.alpha"]
     x, y = flat["potmesil.x"], flat["potmesil.y"]
     if version == 1:
-        left, top, width, _ = window
         pixel = np.repeat(np.arange(len(counts)), counts)
-        x = x + (pixel % width + left).astype(np.float32)
-        y = y + (pixel // width + top).astype(np.float32)
+        x = x + (pixel % window.width + window.left).astype(np.float32)
+        y = y + (pixel // window.width + window.top).astype(np.float32)
     rgb = np.stack([flat[name] for name in "RGB"], axis=1)
-    return {
-        "x": x,
-        "y": y,
-        "rgb": rgb / _share(weight, alpha, counts)[:, None],
-        "alpha": alpha,
-        "z": flat["Z"],
-        "surface": flat["id"],
-        "weight": weight,
-        "layer": flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
-    }
+    return Columns(
+        x=x,
+        y=y,
+        rgb=rgb / _share(weight, alpha, counts)[:, None],
+        alpha=alpha,
+        z=flat["Z"],
+        surface=flat["id"],
+        weight=weight,
+        layer=flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
+    )
 
 
 def _share(weight: np.ndarray, alpha: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -9,29 +9,42 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from .raster import Window
+from . import deep_exr
+from .columns import OF_DEFAULT, Columns
+from .raster import FARTHEST, Window
 
-_COLUMNS = {
-    "x": np.float32,
-    "y": np.float32,
-    "rgb": np.float32,
-    "alpha": np.float32,
-    "z": np.float32,
-    "surface": np.uint32,
-    "weight": np.float32,
-    "layer": np.uint8,
-}
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class PointSamples:
+class Changes(TypedDict, total=False):
+    """What :meth:`PointSamples.replace` can change: the fields of :class:`PointSamples`."""
+
+    x: np.ndarray
+    y: np.ndarray
+    rgb: np.ndarray
+    alpha: np.ndarray
+    z: np.ndarray
+    surface: np.ndarray
+    weight: np.ndarray
+    layer: np.ndarray | None
+    camera: Camera
+    lens: ThinLens
+    surfaces: Mapping[int, str]
+    lattice: int
+    window: Window | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PointSamples(Columns):
     """N point samples of a scene, seen through a pinhole.
 
     ============================  ==========================================================
@@ -61,39 +74,21 @@ class PointSamples:
     pixel, and where no sample is left, ``TypeError`` for a window of other than whole numbers.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    rgb: np.ndarray
-    alpha: np.ndarray
-    z: np.ndarray
-    surface: np.ndarray
-    weight: np.ndarray
     camera: Camera
     lens: ThinLens
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
-    layer: np.ndarray = None  # type: ignore[assignment]
-    window: Window = None  # type: ignore[assignment]
+    window: Window = OF_DEFAULT
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
-        count = len(self.x)
-        if self.layer is None:
-            object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
-        window = self.crop_window if self.window is None else Window.of(self.window)
+        window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
-        for name, dtype in _COLUMNS.items():
-            column = np.ascontiguousarray(getattr(self, name), dtype=dtype)
-            expected = (count, 3) if name == "rgb" else (count,)
-            if column.shape != expected:
-                raise ValueError(f"{name}: has shape {column.shape}, must have {expected}")
-            object.__setattr__(self, name, column)
-        if not all(condition.all() for condition in self._conditions()):
-            valid = np.logical_and.reduce(
-                [condition.reshape(count, -1).all(axis=1) for condition in self._conditions()]
-            )
-            for name in _COLUMNS:
-                object.__setattr__(self, name, getattr(self, name)[valid])
+        super().__post_init__()
+        if not self.all_valid:
+            count, valid = len(self), self.is_valid()
+            for field in dataclasses.fields(Columns):
+                object.__setattr__(self, field.name, getattr(self, field.name)[valid])
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
                 "weight not finite, or depth or weight not > 0",
@@ -102,16 +97,6 @@ class PointSamples:
             )
         if len(self) == 0:
             raise ValueError("no samples: there must be at least one with finite radiance")
-
-    def _conditions(self) -> Iterator[np.ndarray]:
-        """What has to be true of the samples, bool (N,) or (N, 3) each."""
-        for values in (self.rgb, self.alpha, self.x, self.y, self.weight):
-            yield np.isfinite(values)
-        for values in (self.z, self.weight):
-            yield values > 0
-
-    def __len__(self) -> int:
-        return len(self.x)
 
     @property
     def crop_window(self) -> Window:
@@ -125,16 +110,18 @@ class PointSamples:
             f"{self.z.max():g}, surfaces = {list(self.surfaces.values())}, lens = {self.lens})"
         )
 
-    def replace(self, **changes: object) -> PointSamples:
-        """Samples with some fields changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+    def replace(self, **changes: Unpack[Changes]) -> PointSamples:
+        """Samples with some fields changed; a window of ``None`` is the crop window.
+
+        Raises ``TypeError`` for an unknown field, and what the constructor raises.
+        """
+        fields: dict[str, Any] = {**changes}
+        return dataclasses.replace(self, **fields)
 
     def visible(self) -> PointSamples:
         """What the pinhole sees: the samples of layer 0."""
         first = self.layer == 0
-        if first.all():
-            return self
-        return self.replace(**{name: getattr(self, name)[first] for name in _COLUMNS})
+        return self if first.all() else self.chosen(first)
 
     def pixel(self) -> np.ndarray:
         """Index of each sample's pixel in ``window``, row by row, int64 (N,).
@@ -143,6 +130,37 @@ class PointSamples:
         window's last edge, and beyond the window, to the nearest pixel.
         """
         return self.window.pixel_of(self.x, self.y)
+
+    def crop(self, window: Window, halo: int = 0) -> PointSamples:
+        """The samples of a part of the picture, and of ``halo`` pixels around it.
+
+        The crop window of their camera is ``window``, so that :func:`potmesil_mi.focus` forms
+        that part of the picture. It is the same part of the whole picture, up to rounding, where
+        the halo reaches as far as the circles of confusion of all that stands around it, once
+        for its light and once more for what it hides. The halo ends where the samples end.
+
+        With the method ``paper`` the tables stand between the nearest and the farthest of the
+        samples at hand, so that the part is nearly the same only where these are in it.
+
+        Raises ``ValueError`` for a window that goes beyond the crop window, and for one without
+        samples; ``TypeError`` for other than whole numbers.
+        """
+        window = Window.of(window)
+        require_whole("halo", halo, 0, FARTHEST)
+        if not self.crop_window.covers(window):
+            raise ValueError(
+                f"window={tuple(window)}: must lie in the crop window {tuple(self.crop_window)}"
+            )
+        camera = dataclasses.replace(
+            self.camera,
+            crop_offset=(window.left, window.top),
+            crop_size=(window.width, window.height),
+        )
+        sampled = window.grown(halo).intersection(self.window)
+        inside = sampled.shows(self.x, self.y, self.window, edges=self.lattice > 0)
+        if not inside.any():
+            raise ValueError(f"window={tuple(window)}, halo={halo}: there are no samples in it")
+        return self.chosen(inside).replace(camera=camera, window=sampled)
 
     def merge(self, lens: ThinLens | None = None, tolerance: float = 0.1) -> PointSamples:
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
@@ -190,14 +208,31 @@ class PointSamples:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a deep EXR: see :func:`potmesil_mi.deep_exr.save`."""
-        from . import deep_exr
+        """Write a deep EXR, whose name must end in ``.exr``: see :mod:`.deep_exr`.
 
-        deep_exr.save(self, path)
+        Raises ``ValueError`` for another name, and for a camera or a lens that :meth:`load`
+        would not take; ``OSError`` where the file cannot be written. Then nothing is left behind.
+        """
+        header = deep_exr.Header(
+            self.camera, self.lens, self.window, dict(self.surfaces), self.lattice
+        )
+        deep_exr.write(path, header, self)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> PointSamples:
-        """Read a deep EXR that :meth:`save` wrote: see :func:`potmesil_mi.deep_exr.load`."""
-        from . import deep_exr
+        """Read a deep EXR that :meth:`save` wrote. What is in the file is not trusted.
 
-        return deep_exr.load(path)
+        Raises ``FileNotFoundError`` or another ``OSError`` where there is none or it cannot be
+        read, and ``ValueError`` for a file that is not EXR, is truncated or damaged, takes far
+        more memory than its size lets one expect, or does not hold the samples of this package.
+        Each names the file.
+        """
+        header, columns = deep_exr.read(path)
+        return PointSamples(
+            **vars(columns),
+            camera=header.camera,
+            lens=header.lens,
+            surfaces=header.surfaces,
+            lattice=header.lattice,
+            window=header.window,
+        )

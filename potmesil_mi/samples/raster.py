@@ -131,6 +131,26 @@ class Window(NamedTuple):
         row = np.clip(np.floor(y).astype(np.int64) - self.top, 0, self.height - 1)
         return row * self.width + column
 
+    def shows(
+        self, x: np.ndarray, y: np.ndarray, outer: Window, *, edges: bool = False
+    ) -> np.ndarray:
+        """Which positions belong to pixels of this window, as :meth:`pixel_of` of ``outer`` says.
+
+        ``outer`` covers this window; what lies beyond its edges belongs to its border. With
+        ``edges`` positions on the last edges of the window belong to it, too: the corners of
+        pixels, which several share. Returns bool (N,).
+        """
+        inside = np.ones(len(x), dtype=bool)
+        for at, first, end, outer_first, outer_end in (
+            (x, self.left, self.right, outer.left, outer.right),
+            (y, self.top, self.bottom, outer.top, outer.bottom),
+        ):
+            if first > outer_first:
+                inside &= at >= first
+            if end < outer_end:
+                inside &= (at <= end) if edges else (at < end)
+        return inside
+
     def pixels(self) -> tuple[np.ndarray, np.ndarray]:
         """Column and row of every pixel of the film in it, row by row, int64 (size,) each."""
         row, column = np.divmod(np.arange(self.size), self.width)

@@ -1,0 +1,211 @@
+"""What samples must be, their layers, merging, crops."""
+
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from scenes import overscanned, papers_scene, pinhole_mean, synthetic
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+
+# ---------------------------------------------------------------- what samples must be
+
+
+@pytest.mark.parametrize(
+    ("field", "bad"),
+    [
+        ("rgb", np.nan),
+        ("rgb", np.inf),
+        ("alpha", np.nan),
+        ("z", np.nan),
+        ("z", -1.0),
+        ("x", np.inf),
+        ("weight", 0.0),
+    ],
+)
+def test_bad_samples_are_dropped_and_counted(field, bad):
+    good = synthetic(100)
+    column = getattr(good, field).copy()
+    column[[3, 50]] = bad
+    with pytest.warns(RuntimeWarning, match="dropped 2 of 100 samples"):
+        samples = good.replace(**{field: column})
+    assert len(samples) == 98
+    np.testing.assert_array_equal(samples.y, np.delete(good.y, [3, 50]))
+    assert np.isfinite(np.array(pm.focus(samples))).all()
+
+
+def test_no_samples_at_all_are_refused():
+    with pytest.raises(ValueError, match="no samples"):
+        synthetic(0)
+    good = synthetic(5)
+    with (
+        pytest.warns(RuntimeWarning, match="dropped 5 of 5"),
+        pytest.raises(ValueError, match="no samples"),
+    ):
+        good.replace(rgb=np.full((5, 3), np.nan))
+
+
+def test_columns_of_the_wrong_shape_are_named():
+    with pytest.raises(ValueError, match=r"z: has shape \(3,\), must have \(5,\)"):
+        synthetic(5, z=np.ones(3))
+    with pytest.raises(ValueError, match="rgb: has shape"):
+        synthetic(5, rgb=np.ones((5, 4)))
+
+
+def test_a_sample_on_the_films_last_edge_belongs_to_the_last_pixel():
+    samples = synthetic(3, x=[0.0, 19.999, 20.0], y=[0.0, 13.5, 14.0])
+    np.testing.assert_array_equal(samples.pixel(), [0, 13 * 20 + 19, 13 * 20 + 19])
+
+
+def test_the_window_is_the_crop_window_unless_told():
+    camera = overscanned(1).camera
+    assert synthetic(5, camera=camera).window == (2, 3, 20, 14)
+    window = synthetic(5, window=np.array([-3, -2, 26, 18])).window
+    assert window == (-3, -2, 26, 18)
+    assert all(type(number) is int for number in window)
+    assert synthetic(5, window=(-3, -2, 26, 18)).replace(window=None).window == (0, 0, 20, 14)
+
+
+@pytest.mark.parametrize(
+    ("window", "error", "text"),
+    [
+        ((0, 0, 0, 14), ValueError, r"window\[2\]=0"),
+        ((0, 0, 20, -1), ValueError, r"window\[3\]=-1"),
+        ((0, -(1 << 25), 20, 14), ValueError, r"window\[1\]="),
+        ((0, 0, 20), ValueError, r"window=\(0, 0, 20\): must be left, top, width and height"),
+        ((0.0, 0, 20, 14), TypeError, r"window\[0\]=0.0: must be a whole number"),
+        ((0, True, 20, 14), TypeError, r"window\[1\]=True"),
+        ("crop", TypeError, r"window\[0\]='c'"),
+        (20, TypeError, "window=20: must be left"),
+    ],
+)
+def test_a_bad_window_is_named(window, error, text):
+    with pytest.raises(error, match=text):
+        synthetic(5, window=window)
+
+
+def test_pixels_are_counted_in_the_window():
+    samples = synthetic(
+        5, window=(-3, -2, 26, 18), x=[-3, -1e-9, 0, 22.5, 40], y=[-2, -0.5, 0, 15.5, 40]
+    )
+    np.testing.assert_array_equal(
+        samples.pixel(), [0, 26 + 2, 2 * 26 + 3, 17 * 26 + 25, 17 * 26 + 25]
+    )
+
+
+def test_samples_are_described_in_a_line():
+    text = repr(synthetic(5))
+    assert text.startswith("PointSamples(5 in 20x14 pixels, z = ")
+    assert "['one', 'two', 'three']" in text
+
+
+# ---------------------------------------------------------------- layers
+
+
+def test_samples_are_visible_unless_told():
+    samples = synthetic(5)
+    assert samples.layer.dtype == np.uint8
+    np.testing.assert_array_equal(samples.layer, 0)
+    assert samples.visible() is samples
+
+
+def test_what_is_visible_is_layer_0():
+    samples = overscanned(300)
+    visible = samples.visible()
+    first = samples.layer == 0
+    assert 0 < len(visible) == first.sum() < 300
+    assert visible.window == samples.window
+    np.testing.assert_array_equal(visible.rgb, samples.rgb[first])
+    np.testing.assert_array_equal(visible.layer, 0)
+
+
+def test_layers_follow_their_samples():
+    samples = overscanned(300)
+    assert samples.replace(lens=samples.lens.replace(f_number=8.0)).layer is samples.layer
+    rgb = samples.rgb.copy()
+    rgb[[3, 50]] = np.nan
+    with pytest.warns(RuntimeWarning, match="dropped 2 of 300"):
+        fewer = samples.replace(rgb=rgb)
+    np.testing.assert_array_equal(fewer.layer, np.delete(samples.layer, [3, 50]))
+    with pytest.raises(ValueError, match=r"layer: has shape \(300,\), must have \(5,\)"):
+        synthetic(5, layer=samples.layer)
+
+
+# ---------------------------------------------------------------- merging
+
+
+def test_merging_keeps_the_light_of_every_pixel():
+    samples = synthetic(20_000)
+    merged = samples.merge(tolerance=3.0)
+    assert len(merged) < len(samples) / 2
+    np.testing.assert_allclose(pinhole_mean(merged), pinhole_mean(samples), atol=1e-5)
+    assert merged.weight.sum() == pytest.approx(samples.weight.sum(), rel=1e-5)
+
+
+def test_merging_joins_only_what_the_rule_allows():
+    here = {"x": [1.1, 1.2, 1.7, 1.1], "y": [1.1] * 4, "z": [2.0, 2.0001, 2.0, 2.0]}
+    surface = [1, 1, 1, 2]
+    samples = synthetic(4, **here, surface=surface, weight=[1, 3, 1, 1])
+    merged = samples.merge()
+    assert len(merged) == 3
+    joined = merged.weight == 4
+    assert merged.x[joined] == pytest.approx(1.175)
+    assert 1 / merged.z[joined] == pytest.approx((1 / 2.0 + 3 / 2.0001) / 4)
+    np.testing.assert_allclose(
+        merged.rgb[joined][0], (samples.rgb[0] + 3 * samples.rgb[1]) / 4, rtol=1e-6
+    )
+
+
+def test_merging_keeps_layers_apart():
+    here = {"x": [-0.9] * 4, "y": [1.1] * 4, "z": [2.0] * 4, "surface": [1] * 4}
+    samples = synthetic(4, **here, layer=[0, 1, 2, 1], weight=[1, 1, 1, 3], window=(-2, 0, 22, 14))
+    merged = samples.merge()
+    np.testing.assert_array_equal(np.sort(merged.layer), [0, 1, 2])
+    assert merged.weight[merged.layer == 1] == 4
+    np.testing.assert_allclose(
+        merged.rgb[merged.layer == 1][0], (samples.rgb[1] + 3 * samples.rgb[3]) / 4, rtol=1e-6
+    )
+    assert merged.window == samples.window
+
+
+def test_merging_keeps_the_light_of_every_layer_and_pixel_of_the_window():
+    samples = overscanned(30_000).replace(alpha=np.ones(30_000))
+    merged = samples.merge(tolerance=3.0)
+    assert len(merged) < 0.8 * len(samples)
+    for layer in range(3):
+        one, other = (
+            s.replace(layer=np.where(s.layer == layer, 0, 1)).visible() for s in (samples, merged)
+        )
+        np.testing.assert_allclose(
+            pinhole_mean(other, whole=True), pinhole_mean(one, whole=True), atol=1e-5
+        )
+        assert other.weight.sum() == pytest.approx(one.weight.sum(), rel=1e-5)
+
+
+def test_merging_by_a_finer_step_changes_the_picture_less():
+    samples = pm.render_samples(papers_scene(64), spp=64)
+    # At small circles no method can tell merged samples from these.
+    lens = samples.lens.replace(f_number=0.7)
+    image = np.array(pm.focus(samples, lens))
+    errors, counts = [], []
+    for tolerance in (4.0, 0.1):
+        merged = samples.merge(lens, tolerance)
+        counts.append(len(merged))
+        errors.append(np.sqrt(np.mean((np.array(pm.focus(merged, lens)) - image) ** 2)))
+    assert counts[0] < counts[1] < len(samples) / 4
+    assert errors[1] < 2e-4
+    assert errors[1] < errors[0] / 2
+
+
+def test_samples_on_a_lattice_are_not_merged():
+    samples = synthetic(50, lattice=2)
+    assert samples.merge() is samples
+
+
+def test_a_bad_tolerance_is_named():
+    for tolerance in (0, -1, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"tolerance={tolerance}"):
+            synthetic(5).merge(tolerance=tolerance)
+    with pytest.raises(ValueError, match="lattice=-1"):
+        synthetic(5, lattice=-1)
