@@ -22,7 +22,7 @@ from common import console, timed
 import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
 from potmesil_mi.focusing import layered
-from potmesil_mi.optics import psf
+from potmesil_mi.optics import diffraction_kernel
 
 sys.path.insert(0, str(common.ROOT / "tests"))
 
@@ -147,7 +147,7 @@ def tables():
         for distance in (550.0, 2000.0):
             lens = samples.lens.replace(focus_distance=distance, aperture=aperture)
             seconds = []
-            psf._one_diffraction_table.cache_clear()
+            diffraction_kernel._one_kernel.cache_clear()
             for _ in range(3):
                 spent.clear()
                 pm.focus(samples, lens)

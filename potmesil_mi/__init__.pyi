@@ -1,6 +1,7 @@
 """Every public name and the module that defines it: for type checkers, and for lazy_loader."""
 
 from . import evaluation
+from ._progress import progress
 from .filters.filters import (
     Defocus,
     Diffraction,
@@ -11,17 +12,16 @@ from .filters.filters import (
     parse_filter,
 )
 from .focusing.api import focus
+from .focusing.methods import Equation20, Layered, LightField, Method
+from .focusing.session import FocusSession
+from .optics.aperture import Aperture, aperture_of
 from .optics.camera import Camera
+from .optics.disc import Disc
+from .optics.image_aperture import ImageAperture
 from .optics.lens import DepthOfField, ThinLens
-from .optics.psf import (
-    Aperture,
-    Disc,
-    ImageAperture,
-    Lommel,
-    PointSpreadFunction,
-    Polygon,
-    aperture_of,
-)
+from .optics.lommel import Lommel
+from .optics.polygon import Polygon
+from .optics.psf import PointSpreadFunction
 from .samples.point_samples import PointSamples
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
@@ -34,10 +34,15 @@ __all__ = [
     "DepthOfField",
     "Diffraction",
     "Disc",
+    "Equation20",
     "Fade",
     "Filter",
+    "FocusSession",
     "ImageAperture",
+    "Layered",
+    "LightField",
     "Lommel",
+    "Method",
     "PointSamples",
     "PointSpreadFunction",
     "Polygon",
@@ -50,5 +55,6 @@ __all__ = [
     "focus",
     "parse_filter",
     "potmesil_sensor",
+    "progress",
     "render_samples",
 ]

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Pictures in files: read, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 PICTURES = (".exr", ".png", ".jpg", ".jpeg")
+"""Suffixes of the files that :func:`write_picture` writes."""
+
 JPEG_QUALITY = 90
+"""Quality of JPEG files, 1 to 100."""
 
 
 def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> Path:
@@ -49,8 +52,25 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write_picture(image: mi.TensorXf, path: str | os.PathLike[str]) -> None:
-    """Write linear RGB (A): ``.exr`` in float32, ``.png`` and ``.jpg`` in 8-bit sRGB."""
+def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
+    """The linear luminance of a picture that Mitsuba can read, float64 (H, W), rows from the top.
+
+    Raises ``FileNotFoundError`` where there is none.
+    """
+    import mitsuba as mi
+
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"filename={os.fspath(path)!r}: there is no such file")
+    bitmap = mi.Bitmap(os.fspath(path)).convert(
+        mi.Bitmap.PixelFormat.Y, mi.Struct.Type.Float32, srgb_gamma=False
+    )
+    return np.array(bitmap, dtype=np.float64).reshape(bitmap.size()[::-1])
+
+
+def write_picture(image: Any, path: str | os.PathLike[str]) -> None:
+    """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB."""
+    import mitsuba as mi
+
     path = require_writable(path, PICTURES)
     values = np.ascontiguousarray(image, dtype=np.float32)
     linear = path.suffix.lower() == ".exr"

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from potmesil_mi.optics.psf import SHARP, disc_corner_area
+from potmesil_mi.optics.aperture import SHARP
+from potmesil_mi.optics.disc import disc_corner_area
 
 
 def equation_20(samples, lens, pixels, *, squares=2, inverse_square=True):

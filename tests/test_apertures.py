@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from wave_optics import bright_point, fourier_optics, through_pinholes
 
 import potmesil_mi as pm
-from potmesil_mi.evaluation.compare import thinlens_sensor
+from potmesil_mi.evaluation import thinlens_sensor
 from potmesil_mi.evaluation.metrics import psnr
-from potmesil_mi.optics import psf as psf_module
+from potmesil_mi.optics import diffraction_kernel
+from potmesil_mi.optics.aperture import aperture_of
 from potmesil_mi.optics.diffraction import encircled_energy, lommel_intensity, optical_coordinates
-from potmesil_mi.optics.psf import aperture_of
 from scenes import papers_scene, still_life, synthetic
 
 HEART = (
@@ -164,7 +164,9 @@ def test_a_diffraction_table_is_the_integral_of_the_intensity(f_number):
     light = lommel_intensity(u, v).reshape(len(values), fine, len(values), fine).mean((1, 3))
     # All the light in the plane is 4 pi in units of v, times I at the origin.
     light *= per_square**2 / (4 * math.pi)
-    np.testing.assert_allclose(values * (1 - psf_module.TAIL), light, atol=3e-3 * light.max())
+    np.testing.assert_allclose(
+        values * (1 - diffraction_kernel.TAIL), light, atol=3e-3 * light.max()
+    )
 
 
 def test_truncated_patterns_end_at_the_circle_of_confusion():
@@ -197,12 +199,12 @@ def test_longer_waves_spread_farther_and_a_spectrum_is_smoother():
 
 
 def test_tables_are_kept():
-    psf_module._one_diffraction_table.cache_clear()
+    diffraction_kernel._one_kernel.cache_clear()
     for _ in range(3):
         for focus_distance in (1000.0, 1000.0 * (1 + 1e-13)):
             lens = LENS.replace(focus_distance=focus_distance)
             table(pm.Lommel((550,)), 5.0, lens=lens)
-    assert psf_module._one_diffraction_table.cache_info().misses == 1
+    assert diffraction_kernel._one_kernel.cache_info().misses == 1
 
 
 def test_the_energy_of_a_table_grows_as_the_closed_form_says():
@@ -212,7 +214,7 @@ def test_the_energy_of_a_table_grows_as_the_closed_form_says():
     values = channel.table(lens, 1100.0, squares_per_mm, (0.5, 0.5))
     distance = np.hypot(*(np.indices(values.shape) - len(values) // 2))
     for radius in (30.0, 60.0, 100.0, 200.0):
-        within = values[distance < radius].sum() * (1 - psf_module.TAIL)
+        within = values[distance < radius].sum() * (1 - diffraction_kernel.TAIL)
         assert within == pytest.approx(encircled_energy(u, radius * per_square), abs=5e-3)
 
 

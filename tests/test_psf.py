@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from potmesil_mi import Disc, ThinLens
-from potmesil_mi.optics.psf import SHARP, disc_corner_area
+from potmesil_mi.optics.aperture import SHARP
+from potmesil_mi.optics.disc import disc_corner_area
 
 COORDINATES = st.floats(-1.5, 1.5)
 OFFSETS = st.tuples(st.floats(0, 1), st.floats(0, 1))

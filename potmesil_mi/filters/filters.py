@@ -18,10 +18,10 @@ import scipy.fft
 import scipy.sparse
 import scipy.special
 
-from .._spec import describe, described
+from .._spec import read as described, written as describe
 from .._validation import require_number, require_whole
 from ..optics.lens import ThinLens
-from ..optics.psf import disc_table
+from ..optics.disc import disc_kernel
 
 LEAST_WIDTH = 1.5
 """Width of a ray of :class:`Star` in pixels, at half its height, that is sampled without dots."""
@@ -250,7 +250,7 @@ class Defocus(_Named):
         """See :class:`Filter`."""
         height, width = picture.shape[:2]
         radius = self.radius * _frame_width(lens, pixels_per_mm)
-        kernel = disc_table(radius, (0.5, 0.5), (width - 1, height - 1))
+        kernel = disc_kernel(radius, (0.5, 0.5), (width - 1, height - 1))
         blurred = _spread(picture, kernel[..., None] / kernel.sum())
         # A mean is no less than the least value, but for the rounding of transforms.
         return np.maximum(blurred, picture.min(axis=(0, 1)))

@@ -12,30 +12,32 @@ The amplitude at the optical coordinates u (along the axis) and v (across it) is
 so u = 0 is the plane in focus, and v = |u| is the edge of the geometric shadow: rays go to
 v < |u|, its inside. What the paper calls V₁ and V₂ in [13] and [14] are the book's U₁ and U₂.
 
-Each function takes numbers or arrays, which broadcast, and gives float64. All sums over Bessel
-functions are by recurrence over the order, of as many orders as matter: about 40 / |ln(v/u)|,
-and near the shadow's edge, where that is more than v, v + 12 v^(1/3) + 40. So much is the work for
-each point; the memory is that of a few arrays of the result's size. Nothing here needs a Mitsuba
-variant.
+Each function takes numbers or arrays, which broadcast, and gives float64. The series are in
+:mod:`.lommel_series`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammaln, j0, j1, jv
+from scipy.special import j0, j1
 
 from .._validation import require_whole
+from .lens_protocol import LensProtocol
+from .lommel_series import each_once, lommel, pair_sums, wolf_sums
 
-if TYPE_CHECKING:
-    from .lens import ThinLens
-
-Weights = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Region = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A function of u and v that is right in one part of their plane."""
+
+Argument = Literal["consistent", "paper"]
+"""A reading of equations 15 to 18, see :func:`optical_coordinates`."""
+
+ARGUMENTS: tuple[Argument, ...] = get_args(Argument)
+"""The two readings of equations 15 to 18."""
 
 FIRST_AIRY_ZERO = 3.8317059702075125
 """Optical radius v of the first dark ring of a point in focus: the first zero of J1."""
@@ -43,16 +45,11 @@ FIRST_AIRY_ZERO = 3.8317059702075125
 FIRST_AXIAL_ZERO = 4 * math.pi
 """Optical defocus u at which the middle of the pattern first is dark: from [19]."""
 
-ARGUMENTS = ("paper", "consistent")
-"""The two readings of equations 15 to 18, see :func:`optical_coordinates`."""
-
 HIGHEST_ORDER = 100
 """Highest order of Lommel function: optics needs 2, and U_n of higher order soon overflows."""
 
 MILLIMETERS_PER_NANOMETER = 1e-6
-
-NATS = 40.0
-"""Terms of a sum that are exp(-NATS) of the first ones, 4e-18, are left out."""
+"""What a nanometre is in millimetres."""
 
 SMALL = 4.0
 """Up to this u and v the integral itself is evaluated, for the sums would lose digits to 1/u."""
@@ -61,19 +58,13 @@ NODES, WEIGHTS = (array / 2 for array in np.polynomial.legendre.leggauss(16))
 NODES += 0.5
 """Gauss-Legendre from 0 to 1: exact to rounding for J₀ and exp of arguments up to ``SMALL``."""
 
-BLOCK = 16
-"""Orders of Bessel functions that are summed at once: even."""
-
-CHUNK = 4096
-"""Points that are summed at once: ``BLOCK`` times as many numbers stay in a processor's cache."""
-
 
 def optical_coordinates(
-    lens: ThinLens,
+    lens: LensProtocol,
     depth: ArrayLike,
     radius_mm: ArrayLike,
     wavelength_nm: ArrayLike,
-    argument: str = "consistent",
+    argument: Argument = "consistent",
 ) -> tuple[Any, Any]:
     """The coordinates (u, v), both >= 0, of places on the film: equations 15 to 18.
 
@@ -104,7 +95,7 @@ def optical_coordinates(
     wavelength = _numbers(
         "wavelength_nm", wavelength_nm, "> 0 nm and finite", lambda x: (x > 0) & np.isfinite(x)
     )
-    lens = type(lens)(**lens.to_dict())
+    lens = lens.plain()
     if not lens.lens_diameter > 0:
         raise ValueError(f"f_number={lens.f_number}: must be finite, a pinhole has no coordinates")
     reference = lens.focal_length if argument == "paper" else lens.film_distance
@@ -178,7 +169,7 @@ def lommel_u(n: int, u: ArrayLike, v: ArrayLike) -> Any:
     """
     require_whole("n", n, 0, HIGHEST_ORDER)
     u, v = _coordinates(u, v, negative=False)
-    return _lommel(int(n), u, v)
+    return lommel(int(n), u, v)
 
 
 def lommel_v(n: int, u: ArrayLike, v: ArrayLike) -> Any:
@@ -194,7 +185,7 @@ def lommel_v(n: int, u: ArrayLike, v: ArrayLike) -> Any:
     with np.errstate(over="ignore"):
         mirrored = v * (v / u)
     _require("u", u, "so large that v²/u is finite", np.isfinite(mirrored))
-    return _lommel(int(n), mirrored, v)
+    return lommel(int(n), mirrored, v)
 
 
 # ---------------------------------------------------------------- the intensity
@@ -212,21 +203,17 @@ def _near_axis(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _outside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     tau = u / v
-    even, odd = _pair_sums(tau, v, 1, _each_once)
+    even, odd = pair_sums(tau, v, 1, each_once)
     return np.square(2 / v) * (even[0] ** 2 + (tau * odd[0]) ** 2)
 
 
 def _inside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     tau = v / u
-    even, odd = _pair_sums(tau, v, 0, _each_once)
+    even, odd = pair_sums(tau, v, 0, each_once)
     phase = (u + v * tau) / 2
     return np.square(2 / u) * (
         np.square(np.cos(phase) - even[0]) + np.square(np.sin(phase) - tau * odd[0])
     )
-
-
-def _each_once(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.ones((1, len(s))), np.ones((1, len(s)))
 
 
 # ---------------------------------------------------------------- the energy
@@ -241,228 +228,15 @@ def _energy_near_axis(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _energy_outside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    q, _, _ = _wolf_sums(u / v, v)
+    q, _, _ = wolf_sums(u / v, v)
     return 1 - q
 
 
 def _energy_inside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     tau = v / u
-    q, y1, y2 = _wolf_sums(tau, v)
+    q, y1, y2 = wolf_sums(tau, v)
     phase = (u + v * tau) / 2
     return tau**2 * (1 + q) - 4 / u * (y1 * np.cos(phase) + y2 * np.sin(phase))
-
-
-def _wolf_sums(tau: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Σ (-1)^s τ^2s Q_2s(v) / (2s+1), and Y₁ and Y₂ = Σ (-1)^s (n+2s) τ^(n+2s) J_{n+2s}(v)."""
-    even, odd = _pair_sums(tau, v, 2, _wolf_weights)
-    x = -(tau**2)
-    first, second = j0(v), j1(v)
-    # Over s, the terms c_2s and c_{2s+2} of neighbours are taken together.
-    q = first**2 + 2 * first * even[0]
-    q += v * (first * (x * odd[1] - odd[0]) - second * (x * even[2] - even[1]))
-    return q, tau * (second + x * odd[2]), tau**2 * even[3]
-
-
-def _wolf_weights(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    low = 1 / ((2 * s + 1) * (2 * s + 2))
-    high = 1 / ((2 * s + 2) * (2 * s + 3))
-    return np.array([1 / (2 * s + 1), low, high, 2 * s + 2]), np.array([low, high, 2 * s + 3])
-
-
-# ---------------------------------------------------------------- sums over Bessel functions
-
-
-def _pair_sums(
-    tau: np.ndarray, v: np.ndarray, first: int, weights: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """Σ_s a_s x^s J_{first+2s}(v) and Σ_s b_s x^s J_{first+2s+1}(v) with x = -τ², 0 <= τ <= 1.
-
-    ``weights`` gives a and b, (K, S) each, for an array of S values of s; so the results have the
-    shapes (K, N). Points are taken in the order of how many terms they need, for these are many
-    only near τ = 1.
-    """
-    most, least = weights(np.arange(BLOCK // 2))
-    even, odd = np.empty((len(most), len(v))), np.empty((len(least), len(v)))
-    with np.errstate(divide="ignore"):
-        terms = first + 2 + NATS / np.abs(np.log(tau))
-    tiny = v < 1e-8
-    # Upwards the recurrence is stable only to the order v.
-    upwards = ~tiny & (terms <= v)
-    downwards = ~tiny & ~upwards
-    orders = np.where(upwards, terms, v + 12 * np.cbrt(v) + 20)
-    for wanted, sums in ((upwards, _sums_upwards), (downwards, _sums_downwards)):
-        chosen = np.flatnonzero(wanted)
-        if not len(chosen):
-            continue
-        blocks = np.ceil((orders[chosen] - first) / BLOCK).astype(np.int64)
-        chosen, blocks = (part[np.argsort(-blocks, kind="stable")] for part in (chosen, blocks))
-        for begin in range(0, len(chosen), CHUNK):
-            part = chosen[begin : begin + CHUNK]
-            even[:, part], odd[:, part] = sums(
-                tau[part], v[part], first, weights, blocks[begin : begin + CHUNK]
-            )
-    if tiny.any():
-        # J_m is (v/2)^m / m! to rounding, and all but the first term is lost in it.
-        leading = (v[tiny] / 2) ** first / math.factorial(first)
-        even[:, tiny] = most[:, :1] * leading
-        odd[:, tiny] = least[:, :1] * (leading * v[tiny] / (2 * first + 2))
-    return even, odd
-
-
-def _sums_upwards(
-    tau: np.ndarray, v: np.ndarray, first: int, weights: Weights, blocks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """:func:`_pair_sums` by J_{m+1} = (2m/v) J_m - J_{m-1}, ``blocks`` from the most down."""
-    x, powers = _powers(tau)
-    step, scale = x ** (BLOCK // 2), np.ones_like(v)
-    per_order = 2 / v
-    bessel = np.empty((BLOCK + 2, len(v)))
-    bessel[BLOCK], bessel[BLOCK + 1] = j0(v), j1(v)
-    for m in range(1, first + 1):
-        following = per_order * m * bessel[BLOCK + 1] - bessel[BLOCK]
-        bessel[BLOCK], bessel[BLOCK + 1] = bessel[BLOCK + 1], following
-    even, odd = (np.zeros((len(part), len(v))) for part in weights(np.arange(1)))
-    for block in range(blocks[0]):
-        active = _count(blocks, block)
-        bessel[:2, :active] = bessel[BLOCK:, :active]
-        rows = list(bessel[:, :active])
-        orders = np.arange(BLOCK) + (first + BLOCK * block + 1)
-        factors = np.multiply.outer(orders, per_order[:active])
-        for before, row, after, factor in zip(rows, rows[1:], rows[2:], factors, strict=False):
-            np.multiply(factor, row, out=after)
-            np.subtract(after, before, out=after)
-        sums = _weighted(bessel[:, :active], powers[:, :active], weights, block)
-        for total, part in zip((even, odd), sums, strict=True):
-            part *= scale[:active]
-            total[:, :active] += part
-        scale[:active] *= step[:active]
-    return even, odd
-
-
-def _sums_downwards(
-    tau: np.ndarray, v: np.ndarray, first: int, weights: Weights, blocks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """:func:`_pair_sums` by Miller's recurrence J_{m-1} = (2m/v) J_m - J_{m+1} from far above v."""
-    x, powers = _powers(tau)
-    step = x ** (BLOCK // 2)
-    per_order = 2 / v
-    bessel = np.zeros((BLOCK + 2, len(v)))
-    bessel[0] = 1e-300  # of the order above the highest: what factor it is shows at the lowest
-    even, odd = (np.zeros((len(part), len(v))) for part in weights(np.arange(1)))
-    for block in range(blocks[0] - 1, -1, -1):
-        active = _count(blocks, block)
-        bessel[BLOCK:, :active] = bessel[:2, :active]
-        rows = list(bessel[::-1, :active])
-        orders = np.arange(BLOCK, 0, -1) + (first + BLOCK * block)
-        factors = np.multiply.outer(orders, per_order[:active])
-        for above, row, below, factor in zip(rows, rows[1:], rows[2:], factors, strict=False):
-            np.multiply(factor, row, out=below)
-            np.subtract(below, above, out=below)
-        sums = _weighted(bessel[:, :active], powers[:, :active], weights, block)
-        for total, part in zip((even, odd), sums, strict=True):
-            total[:, :active] *= step[:active]
-            total[:, :active] += part
-    low, high = bessel[0], bessel[1]
-    for m in range(first, 0, -1):
-        low, high = per_order * m * low - high, low
-    # J₀ and J₁ are never both near 0: the larger tells the factor without loss.
-    zeroth = np.abs(low) > np.abs(high)
-    factor = np.where(zeroth, j0(v), j1(v)) / np.where(zeroth, low, high)
-    return even * factor, odd * factor
-
-
-def _powers(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The x of :func:`_pair_sums`, and x^s for the rows of a block, two rows a power."""
-    x = -(tau * tau)
-    powers = np.ones((BLOCK, len(tau)))
-    for row in range(2, BLOCK):
-        np.multiply(powers[row - 2], x, out=powers[row])
-    return x, powers
-
-
-def _weighted(
-    bessel: np.ndarray, powers: np.ndarray, weights: Weights, block: int
-) -> Iterator[np.ndarray]:
-    """The two sums over one block, without the power of its first row."""
-    terms = bessel[:BLOCK] * powers
-    half = BLOCK // 2
-    for parity, part in enumerate(weights(np.arange(half * block, half * (block + 1)))):
-        yield part @ terms[parity::2]
-
-
-def _count(blocks: np.ndarray, block: int) -> int:
-    """How many of the points, sorted by the blocks that they need, need this one."""
-    return len(blocks) - int(np.searchsorted(blocks[::-1], block, side="right"))
-
-
-# ---------------------------------------------------------------- Lommel functions of any order
-
-
-def _lommel(n: int, u: np.ndarray, v: np.ndarray) -> Any:
-    shape = u.shape
-    u, v = u.ravel(), v.ravel()
-    result = np.empty_like(u)
-    inside = u > v
-    # The terms of the series have their peak at this order; where u <= v they fall from v on.
-    peak = np.where(inside, (u + v * (v / np.where(inside, u, np.inf))) / 2, v)
-    falling = n >= peak
-    for where, values in (
-        (falling, _lommel_of_falling_terms),
-        (~falling & ~inside, _lommel_by_series),
-        (~falling & inside, _lommel_by_relation),
-    ):
-        if where.any():
-            result[where] = values(n, u[where], v[where])
-    return result.reshape(shape)[()]
-
-
-def _lommel_by_series(n: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    tau = u / v
-    return tau**n * _pair_sums(tau, v, n, _each_once)[0][0]
-
-
-def _lommel_by_relation(n: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """U_n from U₁ = sin φ - V₁ or U₀ = cos φ - V₀ + J₀, and U_{n+2} = (u/v)^n J_n(v) - U_n."""
-    tau = v / u
-    phase = (u + v * tau) / 2
-    even, odd = _pair_sums(tau, v, 0, _each_once)
-    result = np.sin(phase) - tau * odd[0] if n % 2 else np.cos(phase) - even[0] + j0(v)
-    for m in range(n % 2, n, 2):
-        result = _scaled_bessel(m, u, v) - result
-    return result
-
-
-def _lommel_of_falling_terms(n: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The series by its first term and the quotients u h_m of the next ones.
-
-    h_m = J_m(v) / (v J_{m-1}(v)) is a continued fraction, and regular where u or v is 0.
-    """
-    pairs = 20 + math.ceil(6 * math.sqrt(n))
-    h, total = np.zeros_like(u), np.ones_like(u)
-    for m in range(n + 2 * pairs, n, -2):
-        second = 1 / (2 * m - v * v * h)
-        h = 1 / (2 * m - 2 - v * v * second)
-        total = 1 - (u * h) * (u * second) * total
-    return _scaled_bessel(n, u, v) * total
-
-
-def _scaled_bessel(m: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(u/v)^m J_m(v), and its limit (u/2)^m / m! for v = 0."""
-    result = np.empty_like(u)
-    large = v > 2 * math.sqrt(m + 1)
-    # In two factors, as the power may leave the range of float64 where the product does not.
-    power = np.power(u[large] / v[large], m / 2)
-    result[large] = power * jv(m, v[large]) * power
-    # J_m may be 0 to float64 here, so it is its power series, of terms below 1/k!.
-    u, square = u[~large], v[~large] ** 2 / 4
-    term = np.exp(m * np.log(u / 2, where=u > 0, out=np.zeros_like(u)) - gammaln(m + 1))
-    term = np.where(u > 0, term, float(m == 0))
-    total = term.copy()
-    for k in range(1, 20):
-        term *= -square / (k * (m + k))
-        total += term
-    result[~large] = total
-    return result
 
 
 # ---------------------------------------------------------------- arguments

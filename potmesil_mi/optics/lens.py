@@ -13,7 +13,8 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from .._validation import require_number
-from .psf import Aperture, Disc, aperture_of
+from .aperture import Aperture
+from .disc import Disc
 
 ACUITY = 1e-3
 """Angular resolving power of the eye in radians: "1 mil", a patch of U/1000 (section 2.2)."""
@@ -125,7 +126,7 @@ class ThinLens:
         )
         require_number("squeeze", squeeze, 1, 4)
         require_number("vignetting", vignetting, 0, 0.9)
-        self.aperture, self.squeeze, self.vignetting = aperture_of(aperture), squeeze, vignetting
+        self.aperture, self.squeeze, self.vignetting = Aperture.parse(aperture), squeeze, vignetting
         if self.aperture.diffracts and (squeeze != 1 or vignetting != 0):
             raise ValueError(
                 f"squeeze={squeeze}, vignetting={vignetting}: must be 1 and 0 with the aperture "

@@ -9,9 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..optics.aperture import Aperture
 from ..optics.camera import Camera, horizontal_fov, orientation
+from ..optics.disc import Disc
+from ..optics.image_aperture import ImageAperture
 from ..optics.lens import FILMS, ThinLens
-from ..optics.psf import SPECTRUM, Aperture, Disc, ImageAperture, aperture_of, aperture_with
+from ..optics.spectrum import SPECTRUM
 
 DEFAULT_FOCAL_LENGTH = 50.0
 APERTURE_PARAMETERS = {
@@ -333,7 +336,9 @@ def _aperture(props: mi.Properties) -> Aperture:
     wavelengths = parameters.get("wavelengths", SPECTRUM)
     if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
         parameters["wavelengths"] = _numbers("wavelengths", wavelengths)
-    return aperture_with(name, parameters) if parameters else aperture_of(name)
+    if not parameters:
+        return Aperture.parse(name)
+    return Aperture.member(name).of_parameters(parameters)
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:
