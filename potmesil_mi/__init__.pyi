@@ -2,15 +2,11 @@
 
 from . import evaluation
 from ._progress import progress
-from .filters.filters import (
-    Defocus,
-    Diffraction,
-    Fade,
-    Filter,
-    Star,
-    apply_filters,
-    parse_filter,
-)
+from .filters.base import Filter, apply_filters, parse_filter
+from .filters.defocus import Defocus
+from .filters.diffraction import Diffraction
+from .filters.fade import Fade
+from .filters.star import Star
 from .focusing.api import focus
 from .focusing.methods import Equation20, Layered, LightField, Method
 from .focusing.session import FocusSession
@@ -23,6 +19,7 @@ from .optics.lommel import Lommel
 from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
 from .samples.point_samples import PointSamples
+from .samples.raster import Window
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
@@ -49,6 +46,7 @@ __all__ = [
     "Sampling",
     "Star",
     "ThinLens",
+    "Window",
     "aperture_of",
     "apply_filters",
     "evaluation",

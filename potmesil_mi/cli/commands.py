@@ -58,8 +58,9 @@ def render_options(command: argparse.ArgumentParser) -> str:
 
 def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
-    from ..filters.filters import as_filters
-    from ..focusing.api import film_options, focus
+    from ..filters.base import as_filters
+    from ..focusing.api import focus
+    from ..plugins.settings import FocusSettings, has_alpha
     from ..tracing.hidden_surface import render_samples
 
     _check_outputs(options.output, options.samples)
@@ -67,6 +68,9 @@ def render(options: argparse.Namespace) -> None:
     filters = as_filters(options.filter)
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
+    if isinstance(integrator, FocusSettings):
+        method = given_method(options, integrator.method)
+        filters = filters or integrator.filters
     samples = render_samples(
         scene,
         sensor,
@@ -77,11 +81,9 @@ def render(options: argparse.Namespace) -> None:
     )
     if options.samples:
         samples.save(options.samples)
+    film = sensor.film()
     picture = focus(
-        samples,
-        filters=filters or getattr(integrator, "filters", ()),
-        **film_options(sensor.film()),
-        **{**getattr(integrator, "options", {}), **method},
+        samples, method=method, filters=filters, rfilter=film.rfilter(), alpha=has_alpha(film)
     )
     _write(picture, options.output)
 
@@ -108,7 +110,7 @@ def focus_options(command: argparse.ArgumentParser) -> str:
 
 def refocus(options: argparse.Namespace) -> None:
     """``potmesil focus``: samples through another lens."""
-    from ..filters.filters import as_filters
+    from ..filters.base import as_filters
     from ..focusing.api import focus
     from ..samples.point_samples import PointSamples
 
@@ -119,7 +121,7 @@ def refocus(options: argparse.Namespace) -> None:
     set_variant(options.variant)
     samples = PointSamples.load(options.samples)
     lens = samples.lens.replace(**given_lens(options))
-    _write(focus(samples, lens, filters=filters, **method), options.output)
+    _write(focus(samples, lens, method=method, filters=filters), options.output)
 
 
 # ---------------------------------------------------------------- compare
@@ -138,7 +140,8 @@ reference, x {difference_factor:g}. Needs pip install 'potmesil_mi[compare]'.
 
 def compare_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil compare``; returns the examples."""
-    from ..evaluation.compare import DIFFERENCE_FACTOR, FLOOR_MARGIN, REFERENCE_SPP
+    from ..evaluation.comparison import DIFFERENCE_FACTOR
+    from ..evaluation.reference import FLOOR_MARGIN, REFERENCE_SPP
 
     command.add_argument(
         "-o", "--output", metavar="FOLDER|PREFIX",
@@ -164,8 +167,9 @@ def compare_options(command: argparse.ArgumentParser) -> str:
 
 def against_thinlens(options: argparse.Namespace) -> None:
     """``potmesil compare``: the focused picture beside a ray-traced one."""
-    from ..evaluation.compare import compare, output_paths
+    from ..evaluation.comparison import compare, output_paths
     from ..evaluation.metrics import require_extra
+    from ..plugins.settings import FocusSettings
 
     require_extra()
     if options.output:
@@ -173,6 +177,8 @@ def against_thinlens(options: argparse.Namespace) -> None:
     method = given_method(options)
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
+    if isinstance(integrator, FocusSettings):
+        method = given_method(options, integrator.method)
     comparison = compare(
         scene,
         sensor,
@@ -181,7 +187,7 @@ def against_thinlens(options: argparse.Namespace) -> None:
         sampling=given_sampling(options, integrator),
         reference_spp=options.reference_spp,
         reference_floor=options.reference_floor,
-        **{**getattr(integrator, "options", {}), **method},
+        method=method,
     )
     console = _console()
     console.print(comparison.table())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 if TYPE_CHECKING:
     import mitsuba as mi
 
+    from ..focusing.methods import Method
     from ..tracing.sampling import Sampling
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
@@ -118,22 +119,21 @@ def add_lens(command: argparse.ArgumentParser) -> None:
 
 def add_method(command: argparse.ArgumentParser) -> None:
     """Add an option for each parameter of the methods of ``focus``."""
-    from ..focusing.api import METHODS
+    from ..focusing.methods import MethodName, method_of
 
-    types = {"method": Literal[METHODS], "lens_points": int, "tables": int}
-    types |= {"inverse_square": bool, "squares": int}
+    types = {**get_type_hints(method_of), "method": MethodName}
     _add_parameters(command.add_argument_group("focus stage"), types, METHOD_OPTIONS)
 
 
 def add_filter(command: argparse.ArgumentParser) -> None:
     """Add the option for special effects."""
-    from ..filters.filters import FILTERS
+    from ..filters.base import Filter
 
     group = command.add_argument_group("special effects")
     group.add_argument(
         "--filter", metavar="NAME:PARAMETER=VALUE,...", action="append", default=[],
-        help=f"{', '.join(FILTERS)}, such as star:points=6,length=0.1,threshold=2; may be given "
-        "several times, in order, and takes the place of the scene's",
+        help=f"{', '.join(Filter.members())}, such as star:points=6,length=0.1,threshold=2; may "
+        "be given several times, in order, and takes the place of the scene's",
     )  # fmt: skip
 
 
@@ -208,13 +208,19 @@ def given_sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sa
     return dataclasses.replace(sampling, **_given(options, SAMPLING_OPTIONS))
 
 
-def given_method(options: argparse.Namespace) -> dict[str, Any]:
-    """What the options say to ``focus``; raises before anything is rendered."""
-    from ..focusing.api import check_options
+def given_method(options: argparse.Namespace, said: Method | None = None) -> Method:
+    """The method that the options describe, and for the rest ``said``, by the scene.
 
-    method = _given(options, METHOD_OPTIONS)
-    check_options(**method)
-    return method
+    Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    """
+    from ..focusing.methods import method_of
+
+    given = _given(options, METHOD_OPTIONS)
+    if said is None or "method" not in given:
+        return method_of(given.pop("method", said or "layered"), **given)
+    # Another method has those parameters of the scene's that both have.
+    kept = {name: getattr(said, name, None) for name in METHOD_OPTIONS if name != "method"}
+    return method_of(**{**kept, **given})
 
 
 def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 
 class LensProtocol(Protocol):
-    """A lens, as far as the spreading of light by its aperture depends on it.
+    """A lens, as far as it matters to how its aperture spreads light.
 
     :class:`potmesil_mi.ThinLens` is one. Lengths are in millimetres, depths in scene units.
     """

@@ -8,10 +8,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..filters.filters import Filter, parse_filter
-from ..focusing.api import OPTIONS, check_options, film_options, focus
+from ..filters.base import Filter, parse_filter
+from ..focusing.api import focus
 from ..samples.point_samples import PointSamples
 from ..tracing.sensor import has_lens
+from .settings import has_alpha, method_from
 from .wrapper import WrapperIntegrator
 
 
@@ -45,7 +46,7 @@ class FocusIntegrator(WrapperIntegrator):
        - ``paper``: weight samples by 1/z², as printed. (Default: true)
      * - squares
        - |int|
-       - Squares on a side of a pixel that are evaluated and averaged, 1 to 16.
+       - Subpixels on a side of a pixel that are formed and averaged, 1 to 16.
          (Default: 1 for ``layered``, 2 for the others)
      * - filter, filter_2, ...
        - |string|
@@ -62,8 +63,7 @@ class FocusIntegrator(WrapperIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.options: dict[str, Any] = {name: props[name] for name in OPTIONS if name in props}
-        check_options(**self.options)
+        self.method = method_from(props)
         self.filters = _filters(props)
 
     def check_sensor(self, sensor: mi.Sensor) -> None:
@@ -73,14 +73,20 @@ class FocusIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The picture through the samples' lens, and no further channels."""
-        options = {**film_options(film), **self.options}
-        image = np.array(focus(samples, filters=self.filters, **options))
+        picture = focus(
+            samples,
+            method=self.method,
+            filters=self.filters,
+            rfilter=film.rfilter(),
+            alpha=has_alpha(film),
+        )
+        image = np.array(picture)
         return image, image[..., :0]
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
         return (
-            f"FocusIntegrator[options = {self.options}, filters = {[*map(str, self.filters)]}, "
+            f"FocusIntegrator[method = {self.method}, filters = {[*map(str, self.filters)]}, "
             f"sampling = {self.sampling}, nested = {self.nested}]"
         )
 

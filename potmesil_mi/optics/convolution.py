@@ -1,0 +1,84 @@
+"""Convolution by Fourier transforms: how images are spread by kernels.
+
+Kernels have odd sizes, and their middle is the pixel's own. Each function is linear in the images.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.fft
+from numpy.typing import DTypeLike
+
+
+def fast_size(size: int) -> int:
+    """The least number from ``size`` on for which a transform is quick."""
+    return scipy.fft.next_fast_len(size, real=True)
+
+
+def padded_shape(size: tuple[int, int], kernel: tuple[int, int]) -> tuple[int, int]:
+    """The frame in which images of ``size`` (H, W) meet nothing that wraps around.
+
+    ``kernel`` is the shape (2K+1, 2L+1) of the kernel: the frame has K rows and L columns more.
+    """
+    return fast_size(size[0] + kernel[0] // 2), fast_size(size[1] + kernel[1] // 2)
+
+
+def kernel_spectrum(
+    kernel: np.ndarray, frame: tuple[int, int], dtype: DTypeLike = np.float64
+) -> np.ndarray:
+    """The transform of a kernel (2K+1, 2L+1) whose middle is moved to the frame's first pixel.
+
+    The kernel is at most as large as the frame (H, W); the result, (H, W//2 + 1), is complex of
+    the precision of ``dtype``, float32 or float64.
+    """
+    rows, columns = kernel.shape
+    height, width = frame
+    across = np.zeros((rows, width), dtype=dtype)
+    across[:, :columns] = kernel
+    with scipy.fft.set_workers(os.cpu_count() or 1):
+        across = scipy.fft.rfft(np.roll(across, -(columns // 2), axis=1))
+        spectrum = np.zeros((height, across.shape[1]), dtype=across.dtype)
+        spectrum[: rows - rows // 2] = across[rows // 2 :]
+        spectrum[height - rows // 2 :] = across[: rows // 2]
+        return scipy.fft.fft(spectrum, axis=0, overwrite_x=True)
+
+
+def convolve_by_spectrum(
+    image: np.ndarray, spectrum: np.ndarray, frame: tuple[int, int]
+) -> np.ndarray:
+    """An image (H, W), spread by the kernel of a :func:`kernel_spectrum` of the ``frame``.
+
+    What leaves the frame on one side comes in on the other, see :func:`padded_shape`.
+    """
+    height, width = image.shape
+    with scipy.fft.set_workers(os.cpu_count() or 1):
+        light = scipy.fft.rfft2(image, frame) * spectrum
+        return scipy.fft.irfft2(light, frame)[:height, :width]
+
+
+def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """The whole convolution of two float64 arrays (H, W) and (K, L): (H + K - 1, W + L - 1)."""
+    shape = [a + b - 1 for a, b in zip(image.shape, kernel.shape, strict=True)]
+    padded = [fast_size(size) for size in shape]
+    with scipy.fft.set_workers(os.cpu_count() or 1):
+        spectrum = scipy.fft.rfftn(image, padded) * scipy.fft.rfftn(kernel, padded)
+        return scipy.fft.irfftn(spectrum, padded)[: shape[0], : shape[1]]
+
+
+def convolve_cyclically(images: Sequence[np.ndarray], kernels: Sequence[np.ndarray]) -> np.ndarray:
+    """The sum of images, each spread by its kernel, by one inverse transform.
+
+    Images are float32 (H, W, C), with C channels; kernels (K, L), of odd sizes up to (H, W). What
+    leaves the frame on one side comes in on the other. Images may be overwritten.
+    """
+    height, width = images[0].shape[:2]
+    total = np.zeros(0, dtype=np.complex64)
+    with scipy.fft.set_workers(os.cpu_count() or 1):
+        for image, kernel in zip(images, kernels, strict=True):
+            spectrum = scipy.fft.rfft2(image, axes=(0, 1), overwrite_x=True)
+            spectrum *= kernel_spectrum(kernel, (height, width), np.float32)[..., None]
+            total = np.add(total, spectrum, out=total) if total.size else spectrum
+        return scipy.fft.irfft2(total, (height, width), axes=(0, 1), overwrite_x=True)
