@@ -1,53 +1,57 @@
-"""Elements: point samples gathered by square of the picture and depth.
+"""Fragments: point samples gathered by subpixel of the window and by depth.
 
-What the lens does to a picture it does alike to all that is at one depth, so samples of a square
-and a depth become one. They are kept in order of depth and then of place, so that those between
-two depths, which are spread by nearly the same circle, follow each other in memory.
+A lens does the same to everything at one depth, so samples of one subpixel and one depth become
+one fragment. Fragments are kept in order of depth and then of place: those between two depths,
+which are spread by nearly the same circle, follow each other in memory.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
+from .. import _backend as jit
 from ..samples.point_samples import PointSamples
+from ..samples.raster import Window
 
-BIN = 0.25
-"""Samples of a square are gathered where their circles' radii differ less, in squares."""
+BIN_RADIUS = 0.25
+"""Samples of a subpixel are one fragment where their circles' radii differ by less (subpixels)."""
 
-MOST_BINS = 4095
+MAX_BINS = 4095
+"""Most bins of vergence between the nearest and the farthest sample, less one."""
 
-AT_ONCE = 1 << 22
+GATHERED_AT_ONCE = 1 << 22
 """Most samples that are gathered at once; it bounds the memory of a step."""
 
 SHARE = 3
-"""Column of ``Elements.values`` with the share of the square's area."""
+"""Column of ``Fragments.values`` with the share of the subpixel's area."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Elements:
-    """N elements, in order of ``bin``, then of place.
+class Fragments:
+    """N fragments, in order of ``bin``, then of place.
 
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``width``, ``height``         squares of the window
-    ``x``, ``y``                  int32 (N,), column and row of the element's square
+    ``width``, ``height``         subpixels of the window
+    ``x``, ``y``                  int32 (N,), column and row of the fragment's subpixel
     ``vergence``                  float32 (N,), 1/z in 1/scene units
     ``values``                    float32 (N, 4 or 5), light: R, G, B times the share of the
-                                  square's area, that share, and alpha times it if asked for
-    ``front``                     float32 (N,), how far in vergence the first surface of the
-                                  square stands before a hidden one; 0 for a visible one
-    ``bin``                       int32 (N,), nearest last
-    ``least``, ``step``           vergence where the bins begin, and their width
-    ``offset``                    float32 (N, 2), where the middle of the light that the
-                                  pinhole sees in the square is, from that of the square, in
-                                  squares; only if it was asked for
+                                  subpixel's area, that share, and alpha times it if asked for
+    ``gap_in_front``              float32 (N,), by how much vergence the first surface of the
+                                  subpixel is nearer than a hidden fragment; 0 for a visible one
+    ``bin``                       int32 (N,), the bin of vergence; the nearest comes last
+    ``vergence_min``              vergence at which bin 0 begins
+    ``bin_width``                 width of a bin in vergence
+    ``offset``                    float32 (N, 2), from the middle of the subpixel to the middle
+                                  of the light that the pinhole sees in it, in subpixels;
+                                  ``None`` unless it was asked for
     ============================  ==========================================================
     """
 
@@ -57,159 +61,77 @@ class Elements:
     y: np.ndarray
     vergence: np.ndarray
     values: np.ndarray
-    front: np.ndarray
+    gap_in_front: np.ndarray
     bin: np.ndarray
-    least: float
-    step: float
+    vergence_min: float
+    bin_width: float
     offset: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.x)
 
-    @classmethod
-    def of(
-        cls, samples: PointSamples, per_pixel: int, scale: float, alpha: bool = False
-    ) -> Elements:
-        """Samples gathered on ``per_pixel`` x ``per_pixel`` squares a pixel.
+    @property
+    def subpixel(self) -> np.ndarray:
+        """Index of each fragment's subpixel, row by row, int64 (N,)."""
+        return self.y.astype(np.int64) * self.width + self.x
 
-        ``scale`` is the circle's radius in squares per unit of vergence.
+    @property
+    def nbytes(self) -> int:
+        """Memory of the columns in bytes."""
+        return sum(column.nbytes for column in self._columns().values())
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        values = ((field.name, getattr(self, field.name)) for field in dataclasses.fields(self))
+        return {name: value for name, value in values if isinstance(value, np.ndarray)}
+
+    def chosen(self, mask: np.ndarray) -> Fragments:
+        """The fragments of which ``mask``, bool (N,), is true."""
+        return dataclasses.replace(self, **{k: v[mask] for k, v in self._columns().items()})
+
+    def between(self, first: int, end: int) -> slice:
+        """The fragments of the bins from ``first`` on that come before bin ``end``."""
+        # The keys have the type of the bins, which would all be converted otherwise.
+        start, stop = np.searchsorted(self.bin, np.array([first, end], dtype=np.int32))
+        return slice(int(start), int(stop))
+
+    def coarser(self, factor: int) -> tuple[Fragments, np.ndarray]:
+        """Fragments on subpixels, and in bins, ``factor`` times as large.
+
+        The light of ``factor``² subpixels becomes that of one; its density stays the same. Also
+        returns the index of the new fragment that each old one is part of, int64 (N,).
         """
-        left, top, columns, rows = samples.window
-        width, height = columns * per_pixel, rows * per_pixel
-        samples = _pieces(samples, per_pixel)
-        ends = 1 / samples.z.max(), 1 / samples.z.min()
-        least = float(ends[0])
-        # Where depths are many circles apart they are gathered more coarsely.
-        step = max(BIN / scale, float(ends[1] - ends[0]) / MOST_BINS)
-        parts = [slice(i, i + AT_ONCE) for i in range(0, len(samples), AT_ONCE)]
+        return self._regathered(factor, self.x // factor, self.y // factor)
 
-        def located(part: slice) -> tuple[mi.UInt32, mi.Float, mi.UInt32, mi.Bool]:
-            """Square, vergence and bin of samples, and which the pinhole sees."""
-            x = (mi.Float(samples.x[part]) - left) * per_pixel
-            y = (mi.Float(samples.y[part]) - top) * per_pixel
-            column = mi.UInt32(dr.clip(mi.Int32(dr.floor(x)), 0, width - 1))
-            row = mi.UInt32(dr.clip(mi.Int32(dr.floor(y)), 0, height - 1))
-            vergence = dr.rcp(mi.Float(samples.z[part]))
-            bin_ = mi.UInt32(dr.maximum((vergence - least) * dr.opaque(mi.Float, 1 / step), 0))
-            visible = mi.UInt8(samples.layer[part]) == 0
-            return row * width + column, vergence, dr.minimum(bin_, MOST_BINS), visible
-
-        nearest = dr.zeros(mi.UInt32, width * height)
-        farthest = dr.full(mi.UInt32, MOST_BINS, width * height)
-        for part in parts:
-            square, _, bin_, visible = located(part)
-            dr.scatter_reduce(dr.ReduceOp.Max, nearest, bin_, square, visible)
-            dr.scatter_reduce(dr.ReduceOp.Min, farthest, bin_, square, visible)
-            dr.eval(nearest, farthest)
-        # Most squares show one depth: their samples need no sorting.
-        single = nearest - farthest <= 1
-        light = dr.zeros(mi.Float, width * height * 4)
-        other = dr.zeros(mi.Float, width * height * 2)
-        rest = []
-        mode = scatter_mode()
-        for part in parts:
-            square, vergence, bin_, visible = located(part)
-            weight = mi.Float(samples.weight[part]) * per_pixel**2
-            alone = visible & dr.gather(mi.Bool, single, square)
-            red, green, blue = dr.unravel(mi.Vector3f, mi.Float(samples.rgb[part].ravel()))
-            values = mi.Vector4f(weight * red, weight * green, weight * blue, weight)
-            dr.scatter_add(light, values, square, alone, mode=mode)
-            values = mi.Vector2f(weight * mi.Float(samples.alpha[part]), weight * vergence)
-            dr.scatter_add(other, values, square, alone, mode=mode)
-            dr.eval(light, other)
-            left_over = dr.compress(~alone)
-            index = np.array(left_over).astype(np.int64) + part.start
-            where = [dr.gather(mi.UInt32, column, left_over) for column in (square, bin_)]
-            rest.append((index, *(np.array(column).astype(np.int64) for column in where)))
-
-        summed_light = np.array(light).reshape(-1, 4)
-        place = np.flatnonzero(summed_light[:, SHARE])
-        summed = [*summed_light[place].T, *np.array(other).reshape(-1, 2)[place].T]
-        index, squares, bins = (np.concatenate(columns) for columns in zip(*rest, strict=True))
-        key = (squares * 256 + samples.layer[index]) * (MOST_BINS + 1) + bins
-        keys, same = np.unique(key, return_inverse=True)
-        weight = samples.weight[index].astype(np.float64) * per_pixel**2
-        sums = [
-            np.bincount(same, weight * column, len(keys))
-            for column in (
-                *samples.rgb[index].T,
-                np.ones_like(weight),
-                samples.alpha[index],
-                1 / samples.z[index],
-            )
-        ]
-        summed = [np.concatenate(columns) for columns in zip(summed, sums, strict=True)]
-        key = keys // (MOST_BINS + 1)
-        place = np.concatenate([place, key // 256])
-        hidden = np.concatenate([np.zeros(len(place) - len(keys), dtype=bool), key % 256 > 0])
-        mean = summed.pop() / summed[SHARE]
-        front = np.zeros(len(mean))
-        first = least + (np.array(nearest)[place[hidden]] + 0.5) * step
-        front[hidden] = np.maximum(first - mean[hidden], step * 1e-3)
-        values = np.stack(summed if alpha else summed[:-1], axis=1)
-        return _ordered(
-            width, height, place % width, place // width, mean, values, front, least, step
-        )
-
-    def placed(self, samples: PointSamples, per_pixel: int) -> Elements:
-        """The same elements, of these samples, with their ``offset``."""
-        samples = _pieces(samples, per_pixel).visible()
-        light = (samples.weight * samples.rgb.max(axis=1)).astype(np.float64)
-        places, offsets = [], []
-        for at, start, count in (
-            (samples.x, samples.window[0], self.width),
-            (samples.y, samples.window[1], self.height),
-        ):
-            fine = (at.astype(np.float64) - start) * per_pixel
-            places.append(np.clip(np.floor(fine), 0, count - 1))
-            offsets.append(fine - places[-1] - 0.5)
-        square = (places[1] * self.width + places[0]).astype(np.int64)
-        size = self.width * self.height
-        total = np.bincount(square, light, size)
-        own = self.y.astype(np.int64) * self.width + self.x
-        middle = [
-            np.bincount(square, light * offset, size)[own] / np.where(total > 0, total, 1)[own]
-            for offset in offsets
-        ]
-        offset = np.clip(np.stack(middle, axis=1), -0.5, 0.5).astype(np.float32)
-        return dataclasses.replace(self, offset=offset)
-
-    def coarser(self, factor: int) -> tuple[Elements, np.ndarray]:
-        """Elements on squares, and in bins, ``factor`` times as large; and which became which.
-
-        The light of ``factor``² squares is that of one; its density stays the same.
-        """
-        return self._gathered(factor, self.x // factor, self.y // factor)
-
-    def coarser_linearly(self, factor: int) -> Elements:
-        """The same, but each is shared by the four squares around it: so it stays in its place."""
+    def coarser_linearly(self, factor: int) -> Fragments:
+        """The same, but the four subpixels around a fragment share it, so it stays in its place."""
         places = [(at + np.float32(0.5)) / factor - 0.5 for at in (self.x, self.y)]
         last = [-(-size // factor) - 1 for size in (self.width, self.height)]
         parts = []
         for corner in itertools.product((0, 1), (0, 1)):
-            squares = [np.floor(at) + step for at, step in zip(places, corner, strict=True)]
+            subpixels = [np.floor(at) + step for at, step in zip(places, corner, strict=True)]
             share = np.prod(
-                [1 - np.abs(at - square) for at, square in zip(places, squares, strict=True)],
+                [1 - np.abs(at - there) for at, there in zip(places, subpixels, strict=True)],
                 axis=0,
             )
             x, y = (
-                np.clip(square, 0, end).astype(np.int32)
-                for square, end in zip(squares, last, strict=True)
+                np.clip(there, 0, end).astype(np.int32)
+                for there, end in zip(subpixels, last, strict=True)
             )
-            parts.append(self._gathered(factor, x, y, share)[0])
-        names = ("x", "y", "vergence", "values", "front", "bin")
+            parts.append(self._regathered(factor, x, y, share)[0])
+        names = ("x", "y", "vergence", "values", "gap_in_front", "bin")
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(p, name) for p in parts]) for name in names
         }
         together = dataclasses.replace(parts[0], **columns)
-        return together._gathered(1, together.x, together.y)[0]
+        return together._regathered(1, together.x, together.y)[0]
 
-    def _gathered(
+    def _regathered(
         self, factor: int, x: np.ndarray, y: np.ndarray, share: np.ndarray | None = None
-    ) -> tuple[Elements, np.ndarray]:
-        """Shares (all) of the elements gathered in squares (x, y), and bins, so much larger.
+    ) -> tuple[Fragments, np.ndarray]:
+        """Fragments at subpixels (x, y) that are, like the bins, ``factor`` times as large.
 
-        Returns what became of them, and which became which.
+        ``share`` is the part of each that goes there; by default all of it. Also returns which
+        became which, as :meth:`coarser` does.
         """
         width, height = -(-self.width // factor), -(-self.height // factor)
         bins = self.bin.astype(np.int64) // factor
@@ -223,87 +145,271 @@ class Elements:
 
         light = [np.bincount(index, column, len(keys)) for column in values.T]
         coarse = _ordered(
-            width,
-            height,
-            keys % width,
-            keys // width % height,
-            mean(self.vergence),
-            np.stack(light, axis=1) / factor**2,
-            mean(self.front),
-            self.least,
-            self.step * factor,
-            keys // (width * height),
+            Fragments(
+                width,
+                height,
+                keys % width,
+                keys // width % height,
+                mean(self.vergence),
+                np.stack(light, axis=1) / factor**2,
+                mean(self.gap_in_front),
+                keys // (width * height),
+                self.vergence_min,
+                self.bin_width * factor,
+            )
         )
         return coarse, index
 
-    def between(self, first: int, end: int) -> slice:
-        """The elements of the bins from ``first`` on that come before bin ``end``."""
-        # Of the same type as the bins, or they would all be converted.
-        start, stop = np.searchsorted(self.bin, np.array([first, end], dtype=np.int32))
-        return slice(int(start), int(stop))
+    @functools.cached_property
+    def on_device(self) -> FragmentColumns:
+        """The columns as Dr.Jit arrays."""
+        return FragmentColumns.of(self, self.values)
 
-    def chosen(self, mask: np.ndarray) -> Elements:
-        """Those elements that ``mask``, bool (N,), has."""
-        return dataclasses.replace(
-            self,
-            x=self.x[mask],
-            y=self.y[mask],
-            vergence=self.vergence[mask],
-            values=self.values[mask],
-            front=self.front[mask],
-            bin=self.bin[mask],
-            offset=None if self.offset is None else self.offset[mask],
+
+@dataclasses.dataclass(frozen=True)
+class FragmentColumns:
+    """Columns of :class:`Fragments` as Dr.Jit arrays; ``values`` are RGB and share, interleaved."""
+
+    x: jit.Int32
+    y: jit.Int32
+    vergence: jit.Float
+    bin: jit.UInt32
+    values: jit.Float
+    alpha: jit.Float | None
+
+    @classmethod
+    def of(cls, fragments: Fragments, values: np.ndarray) -> FragmentColumns:
+        """Those of ``fragments``, with ``values``, float32 (N, 4 or 5), in place of their own."""
+        has_alpha = values.shape[1] > SHARE + 1
+        return cls(
+            x=jit.Int32(fragments.x),
+            y=jit.Int32(fragments.y),
+            vergence=jit.Float(fragments.vergence),
+            bin=jit.UInt32(fragments.bin),
+            values=jit.Float(np.ascontiguousarray(values[:, :4]).ravel()),
+            alpha=jit.Float(np.ascontiguousarray(values[:, 4])) if has_alpha else None,
         )
 
 
-def _pieces(samples: PointSamples, per_pixel: int) -> PointSamples:
-    """Samples of which each lies in one square: those of a lattice lie on the edges of several."""
+def gather(
+    samples: PointSamples, subpixels: int, radius_per_vergence: float, alpha: bool = False
+) -> Fragments:
+    """Samples gathered on ``subpixels`` x ``subpixels`` subpixels of a pixel.
+
+    ``radius_per_vergence`` is the circle's radius in subpixels per unit of vergence; with ``alpha``
+    the values have a fifth column.
+    """
+    samples = one_subpixel_each(samples, subpixels)
+    raster = samples.window.subdivided(subpixels)
+    bins = _Bins.of(samples, radius_per_vergence)
+    parts = [slice(i, i + GATHERED_AT_ONCE) for i in range(0, len(samples), GATHERED_AT_ONCE)]
+    located = functools.partial(_located, samples, subpixels, raster, bins)
+
+    nearest = dr.zeros(jit.UInt32, raster.size)
+    farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
+    for part in parts:
+        at = located(part)
+        dr.scatter_reduce(dr.ReduceOp.Max, nearest, at.bin, at.subpixel, at.visible)
+        dr.scatter_reduce(dr.ReduceOp.Min, farthest, at.bin, at.subpixel, at.visible)
+        dr.eval(nearest, farthest)
+    # Most subpixels show one depth: their samples need no sorting.
+    one_depth = nearest - farthest <= 1
+
+    light = dr.zeros(jit.Float, raster.size * 4)
+    alpha_and_vergence = dr.zeros(jit.Float, raster.size * 2)
+    others = []
+    for part in parts:
+        at = located(part)
+        alone = at.visible & dr.gather(jit.Bool, one_depth, at.subpixel)
+        _scatter_alone(light, alpha_and_vergence, samples, part, subpixels, at, alone)
+        left_over = dr.compress(~alone)
+        index = np.array(left_over).astype(np.int64) + part.start
+        where = [dr.gather(jit.UInt32, column, left_over) for column in (at.subpixel, at.bin)]
+        others.append((index, *(np.array(column).astype(np.int64) for column in where)))
+
+    summed_light = np.array(light).reshape(-1, 4)
+    place = np.flatnonzero(summed_light[:, SHARE])
+    alone_sums = [*summed_light[place].T, *np.array(alpha_and_vergence).reshape(-1, 2)[place].T]
+    index, places, sample_bins = (np.concatenate(c) for c in zip(*others, strict=True))
+    other_place, other_layer, other_sums = _sorted_sums(
+        samples, subpixels, index, places, sample_bins
+    )
+    sums = [np.concatenate(columns) for columns in zip(alone_sums, other_sums, strict=True)]
+    hidden = np.concatenate([np.zeros(len(place), dtype=bool), other_layer > 0])
+    place = np.concatenate([place, other_place])
+    vergence = sums.pop() / sums[SHARE]
+    gap = np.zeros(len(vergence))
+    first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
+    gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
+    return _ordered(
+        Fragments(
+            raster.width,
+            raster.height,
+            place % raster.width,
+            place // raster.width,
+            vergence,
+            np.stack(sums if alpha else sums[:-1], axis=1),
+            gap,
+            np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
+            bins.vergence_min,
+            bins.width,
+        )
+    )
+
+
+def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
+    """The fragments of ``samples``, as :func:`gather` made them, with their ``offset``."""
+    samples = one_subpixel_each(samples, subpixels).visible()
+    light = (samples.weight * samples.rgb.max(axis=1)).astype(np.float64)
+    left, top = samples.window[:2]
+    places, offsets = [], []
+    for at, start, count in (
+        (samples.x, left, fragments.width),
+        (samples.y, top, fragments.height),
+    ):
+        fine = (at.astype(np.float64) - start) * subpixels
+        places.append(np.clip(np.floor(fine), 0, count - 1))
+        offsets.append(fine - places[-1] - 0.5)
+    subpixel = (places[1] * fragments.width + places[0]).astype(np.int64)
+    size = fragments.width * fragments.height
+    total = np.bincount(subpixel, light, size)
+    own = fragments.subpixel
+    middle = [
+        np.bincount(subpixel, light * offset, size)[own] / np.where(total > 0, total, 1)[own]
+        for offset in offsets
+    ]
+    offset = np.clip(np.stack(middle, axis=1), -0.5, 0.5).astype(np.float32)
+    return dataclasses.replace(fragments, offset=offset)
+
+
+def scatter_mode() -> dr.ReduceMode:
+    """The mode in which sums are scattered fastest.
+
+    With LLVM Dr.Jit would choose ``Local`` for large targets, which is several times slower. The
+    sums of ``Expand`` are right only while no other thread evaluates anything, see
+    :data:`potmesil_mi._backend.evaluating`.
+    """
+    llvm = dr.backend_v(jit.Float) == dr.JitBackend.LLVM
+    return dr.ReduceMode.Expand if llvm else dr.ReduceMode.Auto
+
+
+def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:
+    """Samples of which each lies in one subpixel.
+
+    Samples of a lattice lie on the edges of several: each is replaced by four of a quarter of its
+    weight, of which those outside the window are left out.
+    """
     if samples.lattice == 0:
         return samples
-    nudge = 0.25 / max(samples.lattice, per_pixel)
+    nudge = 0.25 / max(samples.lattice, subpixels)
     quarters = [
         samples.replace(x=samples.x + dx, y=samples.y + dy, weight=samples.weight / 4)
         for dx in (-nudge, nudge)
         for dy in (-nudge, nudge)
     ]
-    left, top, width, height = samples.window
     names = ("x", "y", "rgb", "alpha", "z", "surface", "weight", "layer")
-    columns = {name: np.concatenate([getattr(q, name) for q in quarters]) for name in names}
-    inside = (columns["x"] >= left) & (columns["x"] < left + width)
-    inside &= (columns["y"] >= top) & (columns["y"] < top + height)
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(q, name) for q in quarters]) for name in names
+    }
+    inside = samples.window.contains(columns["x"], columns["y"])
     return samples.replace(**{name: column[inside] for name, column in columns.items()})
 
 
-def scatter_mode() -> dr.ReduceMode:
-    """How sums are best scattered: by default LLVM chooses ``Local``, several times slower."""
-    llvm = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
-    return dr.ReduceMode.Expand if llvm else dr.ReduceMode.Auto
+class _Bins(NamedTuple):
+    """Where the bins of vergence begin, and how wide they are."""
+
+    vergence_min: float
+    width: float
+
+    @classmethod
+    def of(cls, samples: PointSamples, radius_per_vergence: float) -> _Bins:
+        ends = 1 / samples.z.max(), 1 / samples.z.min()
+        # Where depths are many circles apart, the bins are wider.
+        width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
+        return cls(float(ends[0]), width)
 
 
-def _ordered(
-    width: int,
-    height: int,
-    x: np.ndarray,
-    y: np.ndarray,
-    vergence: np.ndarray,
-    values: np.ndarray,
-    front: np.ndarray,
-    least: float,
-    step: float,
-    bin_: np.ndarray | None = None,
-) -> Elements:
-    if bin_ is None:
-        bin_ = np.maximum((vergence - least) / step, 0).astype(np.int64)
-    order = np.argsort((bin_ * height + y) * width + x, kind="stable")
-    return Elements(
-        width,
-        height,
-        x[order].astype(np.int32),
-        y[order].astype(np.int32),
-        vergence[order].astype(np.float32),
-        np.ascontiguousarray(values[order], dtype=np.float32),
-        front[order].astype(np.float32),
-        bin_[order].astype(np.int32),
-        least,
-        step,
+class _Located(NamedTuple):
+    """Subpixel, vergence and bin of samples, and which of them the pinhole sees."""
+
+    subpixel: jit.UInt32
+    vergence: jit.Float
+    bin: jit.UInt32
+    visible: jit.Bool
+
+
+def _located(
+    samples: PointSamples, subpixels: int, raster: Window, bins: _Bins, part: slice
+) -> _Located:
+    left, top = samples.window[:2]
+    x = (jit.Float(samples.x[part]) - left) * subpixels
+    y = (jit.Float(samples.y[part]) - top) * subpixels
+    column = jit.UInt32(dr.clip(jit.Int32(dr.floor(x)), 0, raster.width - 1))
+    row = jit.UInt32(dr.clip(jit.Int32(dr.floor(y)), 0, raster.height - 1))
+    vergence = dr.rcp(jit.Float(samples.z[part]))
+    from_first = (vergence - bins.vergence_min) * dr.opaque(jit.Float, 1 / bins.width)
+    bin_ = dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
+    visible = jit.UInt8(samples.layer[part]) == 0
+    return _Located(row * raster.width + column, vergence, bin_, visible)
+
+
+def _scatter_alone(
+    light: jit.Float,
+    alpha_and_vergence: jit.Float,
+    samples: PointSamples,
+    part: slice,
+    subpixels: int,
+    at: _Located,
+    alone: jit.Bool,
+) -> None:
+    """Add the samples of subpixels that show one depth: R, G, B, share; and alpha, vergence."""
+    mode = scatter_mode()
+    weight = jit.Float(samples.weight[part]) * subpixels**2
+    red, green, blue = dr.unravel(jit.Array3f, jit.Float(samples.rgb[part].ravel()))
+    values = jit.Array4f(weight * red, weight * green, weight * blue, weight)
+    dr.scatter_add(light, values, at.subpixel, alone, mode=mode)
+    values = jit.Array2f(weight * jit.Float(samples.alpha[part]), weight * at.vergence)
+    dr.scatter_add(alpha_and_vergence, values, at.subpixel, alone, mode=mode)
+    dr.eval(light, alpha_and_vergence)
+
+
+def _sorted_sums(
+    samples: PointSamples,
+    subpixels: int,
+    index: np.ndarray,
+    places: np.ndarray,
+    bins: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Samples ``index`` summed by subpixel, depth layer and bin, by sorting.
+
+    Returns subpixel and layer of each sum, and the sums of R, G, B, share, alpha, vergence.
+    """
+    key = (places * 256 + samples.layer[index]) * (MAX_BINS + 1) + bins
+    keys, same = np.unique(key, return_inverse=True)
+    weight = samples.weight[index].astype(np.float64) * subpixels**2
+    sums = [
+        np.bincount(same, weight * column, len(keys))
+        for column in (
+            *samples.rgb[index].T,
+            np.ones_like(weight),
+            samples.alpha[index],
+            1 / samples.z[index],
+        )
+    ]
+    place_and_layer = keys // (MAX_BINS + 1)
+    return place_and_layer // 256, place_and_layer % 256, sums
+
+
+def _ordered(fragments: Fragments) -> Fragments:
+    """The fragments in their order, with columns of their types."""
+    place = fragments.y * fragments.width + fragments.x
+    order = np.argsort(fragments.bin * (fragments.height * fragments.width) + place, kind="stable")
+    return dataclasses.replace(
+        fragments,
+        x=fragments.x[order].astype(np.int32),
+        y=fragments.y[order].astype(np.int32),
+        vergence=fragments.vergence[order].astype(np.float32),
+        values=np.ascontiguousarray(fragments.values[order], dtype=np.float32),
+        gap_in_front=fragments.gap_in_front[order].astype(np.float32),
+        bin=fragments.bin[order].astype(np.int32),
     )

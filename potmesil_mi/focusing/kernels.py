@@ -1,90 +1,183 @@
-"""Tables by which squares of light are spread: arrays (H, W), their middle the square's own.
+"""Kernels by which subpixels of light are spread: float64 (H, W), their middle the subpixel's own.
 
-Where a short row of weights does, along both axes one after the other, the table is that row (n,).
+Where a short row of weights will do, along both axes one after the other, the kernel is that row,
+float64 (n,).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy.ndimage
 import scipy.optimize
-import scipy.signal
 
-from ..optics.psf import Aperture, disc_table
+from ..optics.aperture import Aperture
+from ..optics.disc import disc_kernel
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction, aperture_behind
+from .convolve import convolve_fully
 
-SQUARE, LINEAR = 1 / 12, 1 / 6
-"""Variance along an axis of a square, and of what is shared linearly by the squares around it."""
+SUBPIXEL_VARIANCE = 1 / 12
+"""Variance along an axis of a subpixel, in subpixels squared."""
+
+LINEAR_VARIANCE = 1 / 6
+"""Variance along an axis of what the subpixels around it share linearly, in subpixels squared."""
 
 MIDDLE = (0.5, 0.5)
+"""The middle of a subpixel."""
 
-CELL_ROW = 4 / 3
-"""Variance in squares up to which a cell is spread by a row."""
+CELL_ROW_VARIANCE = 4 / 3
+"""Variance, in subpixels squared, up to which a cell is spread by a row."""
 
-FITTED_ROW = 0.5
-"""Variance in squares up to which a row stands for the table of a circle."""
+FITTED_ROW_VARIANCE = 0.5
+"""Variance, in subpixels squared, below which a row stands for the kernel of a circle."""
 
-FITTED_FINER, FITTED_REACH = 8, 2
-"""So much finer is the table to which a row is fitted, of so many squares on each side."""
+FITTED_FINER = 8
+"""A row is fitted to a kernel on subpixels so many times as fine."""
+
+FITTED_REACH = 2
+"""Subpixels on each side that a fitted row has."""
+
+SMALL_KERNEL = 11
+"""Elements on a side of a kernel up to which its variance is measured on a finer raster."""
+
+VARIANCE_FINER = 16
+"""That raster is so many times as fine."""
+
+
+@dataclasses.dataclass(frozen=True)
+class KernelFactory:
+    """Makes the kernels of one lens on the raster of one depth slice.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``lens``, ``psf``             what spreads the light
+    ``pixels_per_mm``             pixels of the slice's raster in a millimetre of film
+    ``radius_per_vergence``       radius of the circle in those pixels per unit of vergence
+    ``focused_vergence``          1/U per scene unit
+    ``sign``                      of the circles' radii: 1 nearer than the focused plane, or -1
+    ``smeared``                   variance along an axis, in those pixels squared, with which
+                                  the images of the slice are spread already
+    ``largest``                   (columns, rows) farther than which nothing can be seen
+    ============================  ==========================================================
+    """
+
+    lens: ThinLens
+    psf: PointSpreadFunction
+    pixels_per_mm: float
+    radius_per_vergence: float
+    focused_vergence: float
+    sign: float
+    smeared: float
+    largest: tuple[int, int]
+
+    @property
+    def diffracts(self) -> bool:
+        """Whether the patterns of light change with the circle, and reach beyond it."""
+        return aperture_behind(self.psf).diffracts
+
+    def of_radius(self, radius: float) -> np.ndarray:
+        """The kernel for circles of a ``radius``, >= 0, in pixels of the slice."""
+        if self.diffracts:
+            return self._exact(radius, 1.0)
+        if radius == 0 or self.radius_per_vergence == 0:
+            return np.ones(1)
+        if isinstance(self.psf, Aperture) and type(self.psf).table is Aperture.table:
+            squeeze, signed = float(self.lens.squeeze), self.sign * radius
+            return circle_kernel(self.psf, signed, squeeze, self.smeared, self.largest)
+        return without_variance(self.smeared, functools.partial(self._exact, radius))
+
+    def in_focus(self) -> np.ndarray:
+        """What diffraction makes of a point in focus, which spreads the light of lens points."""
+        return self._exact(0.0, 1.0)
+
+    def of_cell(self, radius: float) -> np.ndarray:
+        """The kernel that spreads a lens point's share over its cell of a ``radius``."""
+        kernel = cell_kernel(radius)
+        if not self.diffracts:
+            return kernel
+        if kernel.ndim == 1:
+            kernel = np.outer(kernel, kernel)
+        return convolve_fully(kernel, self.in_focus())
+
+    def _exact(self, radius: float, finer: float) -> np.ndarray:
+        """The PSF's table for circles of a ``radius``, on a raster so many times as fine."""
+        vergence = self.focused_vergence
+        if self.radius_per_vergence > 0:
+            vergence += self.sign * radius / self.radius_per_vergence
+        if vergence < 0:  # No point has it: one as far in front of the focused plane stands in.
+            vergence = self.focused_vergence + radius / self.radius_per_vergence
+        depth = 1 / vergence if vergence > 0 else math.inf
+        largest = (round(self.largest[0] * finer), round(self.largest[1] * finer))
+        return self.psf.table(self.lens, depth, self.pixels_per_mm * finer, MIDDLE, largest)
 
 
 @functools.lru_cache(maxsize=256)
-def cell_table(radius: float) -> np.ndarray:
-    """What spreads a lens point's share over its cell: of a disc's variance, but smoother.
+def cell_kernel(radius: float) -> np.ndarray:
+    """The kernel that spreads a lens point's share over its cell, a disc of ``radius`` pixels.
 
-    It is a disc spread by an equal one, whose spectrum has no ripples to make rings of the points.
+    It has the disc's variance but is smoother: a disc spread by an equal one, whose spectrum has
+    no ripples that would make rings of the lens points.
     """
     variance = radius**2 / 4
-    if variance < CELL_ROW:
+    if variance < CELL_ROW_VARIANCE:
         return _row(variance)
-    half = disc_table(2 * math.sqrt(variance / 2 - SQUARE))
-    table = scipy.signal.convolve2d(half, half)
-    table.setflags(write=False)
-    return table
+    half = disc_kernel(2 * math.sqrt(variance / 2 - SUBPIXEL_VARIANCE))
+    reach = len(half) // 2
+    kernel = scipy.ndimage.convolve(np.pad(half, reach), half, mode="constant")
+    kernel.setflags(write=False)
+    return kernel
 
 
 @functools.lru_cache(maxsize=256)
-def circle_table(
+def circle_kernel(
     aperture: Aperture,
     radius: float,
     squeeze: float,
     smeared: float,
     largest: tuple[int, int] | None,
 ) -> np.ndarray:
-    """The table of an aperture's circles of a signed radius in squares, see :func:`without`."""
+    """The kernel of an aperture's circles of a signed radius, see :func:`without_variance`."""
 
     def scaled(finer: float) -> np.ndarray:
         most = None if largest is None else (round(largest[0] * finer), round(largest[1] * finer))
-        return aperture.circle_table(radius * finer, squeeze, MIDDLE, most)
+        return aperture.circle_kernel(radius * finer, squeeze, MIDDLE, most)
 
     across, down = aperture.variances
-    table = without(smeared, scaled, radius**2 * (across / squeeze**2 + down) / 2)
-    table.setflags(write=False)
-    return table
+    kernel = without_variance(smeared, scaled, radius**2 * (across / squeeze**2 + down) / 2)
+    kernel.setflags(write=False)
+    return kernel
 
 
-def without(
+def without_variance(
     smeared: float, table: Callable[[float], np.ndarray], variance: float | None = None
 ) -> np.ndarray:
-    """A table that spreads squares as the point-spread function spreads points.
+    """A kernel that spreads pixels as the point-spread function spreads points.
 
-    ``table(s)`` gives the integrals over squares, for a distribution s times as large: they
-    smear it by a square, as gathering samples by square has done already. So, and for what
-    else has ``smeared`` it, a variance along an axis, the distribution, whose ``variance`` is
-    measured if it is not given, is made smaller. Of what is hardly larger than a square the
-    variance tells too little: there a row is fitted.
+    ``table(s)`` gives the integrals over pixels of a distribution ``s`` times as large. They smear
+    it by a pixel, which gathering samples by pixel has done already. For that, and for whatever
+    else has ``smeared`` it (a variance along an axis), the distribution is made smaller. Its own
+    ``variance`` is measured if it is not given. The variance says too little of what is hardly
+    larger than a pixel: there a row is fitted.
     """
     if variance is None:
         kernel = table(1.0)
-        # Of a few squares a table does not tell it: ask for it on squares a 16th as large.
-        small = max(kernel.shape) <= 11
-        variance = _variance(table(16.0)) / 256 if small else _variance(kernel) - SQUARE
+        # A kernel of a few pixels does not tell it; one on a finer raster does.
+        small = max(kernel.shape) <= SMALL_KERNEL
+        variance = (
+            _variance(table(float(VARIANCE_FINER))) / VARIANCE_FINER**2
+            if small
+            else _variance(kernel) - SUBPIXEL_VARIANCE
+        )
     left = max(variance - smeared, 0)
-    if left < FITTED_ROW:
+    if left < FITTED_ROW_VARIANCE:
         return _fitted_row(table(FITTED_FINER))
-    return table(math.sqrt((left - SQUARE) / variance))
+    return table(math.sqrt((left - SUBPIXEL_VARIANCE) / variance))
 
 
 def _row(variance: float) -> np.ndarray:
@@ -100,11 +193,11 @@ def _row(variance: float) -> np.ndarray:
 def _fitted_row(fine: np.ndarray) -> np.ndarray:
     """The row, nowhere negative, that spreads pictures most like a distribution.
 
-    ``fine`` is the table of the distribution on squares ``FITTED_FINER`` times as fine. The row
-    has the least mean square error where the power of what is in a picture falls off as
-    1/f^2, as it does in pictures of edges, gathered by square.
+    ``fine`` is the table of the distribution on a raster ``FITTED_FINER`` times as fine. The row
+    has the least mean square error for pictures whose power falls off as 1/f^2, as that of edges
+    does, gathered by pixel.
     """
-    frequency = np.linspace(0.005, 2, 400)[:, None]  # a square
+    frequency = np.linspace(0.005, 2, 400)[:, None]  # periods a pixel
     transform = np.zeros(len(frequency))
     for share in (fine.sum(axis=0), fine.sum(axis=1)):
         place = (np.arange(len(share)) - len(share) // 2) / FITTED_FINER

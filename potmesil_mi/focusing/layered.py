@@ -1,119 +1,114 @@
 """The picture through the lens with what hides what: the methods ``layered`` and ``lightfield``.
 
-Samples are gathered to elements, which points of the lens see them is found and kept for the next
-focus, and :mod:`potmesil_mi.spreading` forms the picture.
+Samples are gathered to fragments; what the points of the lens see of them is found, and kept for
+the next focus. A focus is then planned in slices of depth, and for each from near to far light is
+splatted, convolved and composited.
 """
 
 from __future__ import annotations
 
 import math
-import weakref
-from typing import Any
+from typing import NamedTuple
 
-import mitsuba as mi
 import numpy as np
 
-from ..optics.blur import radius_per_vergence
-from ..optics.lens import ThinLens
-from ..optics.psf import PointSpreadFunction, aperture_behind
-from ..samples.point_samples import PointSamples
-from .fragments import Elements
-from .lens_view import Layers, Pupil
-from .splat import through_lens
+from .. import _backend as jit
+from .._progress import track
+from ..optics.psf import aperture_behind
+from .composite import Compositor, SpreadSlice
+from .convolve import add_spread_by_row, convolve_cyclically
+from .exposure import Exposure
+from .fragments import Fragments, gather, with_offsets
+from .lens_view import LensPoints, LensView, ViewPyramid
+from .memo import Memo
+from .slices import DepthSlice, Fineness, plan
+from .splat import KernelImages, splat
 
-SIMILAR = 0.025
-"""Apertures that differ by no more see the same, as far as ``layered`` can tell."""
+SIMILAR_RADIUS = 0.025
+"""Apertures whose radii differ by no more than this part see the same, as far as ``layered`` can
+tell: with the film at F an aperture changes a little as the lens is focused."""
 
-MOST_KEPT = 4
-"""Apertures (and other questions) for which is kept what they see of samples: it is large."""
+CLOSED_RADIUS = 1e-9
+"""Radius of a closed aperture's circles, in subpixels per unit of vergence."""
 
-CLOSED = 1e-9
-"""What a closed aperture's circles have for a radius, in squares per unit of vergence."""
+SMALL_AREA = 1 << 17
+"""Pixels of a slice up to which ``layered`` takes more kernels."""
 
-SMALL = 1 << 17
-"""Squares of a part of the window up to which ``layered`` takes more tables."""
-
-EXACT_FINEST = 16
-"""Where visibility is exact circles of at least twice this radius, in pixels, are spread on
-squares so much coarser that their radius there is no less; else those of an aperture's own."""
-
-
-class _Kept:
-    """What has been found out about samples, by the questions that were asked last."""
-
-    def __init__(self) -> None:
-        self.elements: dict[Any, Elements] = {}
-        self.layers: dict[Any, dict[int, Layers]] = {}
-
-    def of_question(self, about: Any) -> dict[int, Layers]:
-        """Layers, by the size of their squares; those of the question asked first are given up."""
-        layers = self.layers.pop(about, {})
-        while len(self.layers) >= MOST_KEPT:
-            del self.layers[next(iter(self.layers))]
-        self.layers[about] = layers
-        return layers
+EXACT_KEPT_RADIUS = 16
+"""Radius in pixels that circles keep on coarser rasters where visibility is exact."""
 
 
-_kept: weakref.WeakKeyDictionary[PointSamples, _Kept] = weakref.WeakKeyDictionary()
+class Visibility(NamedTuple):
+    """From how many points of the lens visibility is found, and whether of exactly that lens.
 
-
-def see_through(
-    samples: PointSamples,
-    lens: ThinLens,
-    psf: PointSpreadFunction,
-    *,
-    alpha: bool,
-    lens_points: int,
-    per_pixel: int,
-    exact: bool,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The picture that ``lens`` forms of ``samples``, (height * per_pixel, width * per_pixel, C).
-
-    And what each of its squares counts in its pixel.
-
-    Visibility is that of ``lens_points`` points of a lens of the same aperture, or, unless
-    ``exact``, of one that differs by at most ``SIMILAR``, for with the film at F the aperture
-    changes a little as the lens is focused.
+    Otherwise that of a lens with a similar aperture will do.
     """
-    scale = radius_per_vergence(lens, samples.camera) * per_pixel
-    similar = scale
-    if scale == 0:
-        samples, similar = samples.visible(), CLOSED
-    elif not exact:
-        steps = round(math.log(scale) / math.log1p(2 * SIMILAR))
-        similar = math.exp(steps * math.log1p(2 * SIMILAR))
 
-    aperture = aperture_behind(psf)
-    pupil = Pupil.of(aperture, lens, samples, lens_points, per_pixel)
-    of_samples = (mi.variant(), per_pixel, alpha, similar, aperture.diffracts)
-    about = (*of_samples, pupil.key)
+    lens_points: int
+    exact: bool
 
-    kept = _kept.setdefault(samples, _Kept())
-    known = kept.of_question(about)
 
-    # Here, for a function that called itself for it would keep the samples alive in a cycle.
-    if 1 not in known:
-        if of_samples not in kept.elements:
-            elements = Elements.of(samples, per_pixel, similar, alpha)
-            if aperture.diffracts:
-                elements = elements.placed(samples, per_pixel)
-            kept.elements = {of_samples: elements}
-        elements = kept.elements[of_samples]
-        known[1] = Layers.of(elements, similar, pupil, spots=not aperture.diffracts)
+def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, np.ndarray]:
+    """The picture of the crop window on subpixels, float32 (height, width, 3 or 4).
 
-    def layers_at(factor: int) -> Layers:
-        if factor not in known:
-            known[factor] = known[1].coarser(factor)
-        return known[factor]
-
-    left, top = (
-        (offset - start) * per_pixel
-        for offset, start in zip(samples.camera.crop_offset, samples.window[:2], strict=True)
+    Subpixels that no light reaches are 0. Also returns the light that reaches each of them,
+    float32 (height, width), 1 on the average: what it counts in its pixel, since chance puts more
+    samples here than there.
+    """
+    aperture = aperture_behind(exposure.psf)
+    kept_radius = max(EXACT_KEPT_RADIUS * exposure.subpixels if how.exact else 0, aperture.finest)
+    fineness = Fineness(kept_radius, math.inf if how.exact else SMALL_AREA)
+    views = _views(exposure, memo, how)
+    channels = views.at(1).unoccluded.values.shape[1]
+    groups = plan(
+        views, exposure.lens, exposure.psf, exposure.blur, exposure.subpixels_per_mm, fineness
     )
-    width, height = (size * per_pixel for size in samples.camera.crop_size)
-    squares_per_mm = samples.camera.focal_length_pixels * per_pixel / lens.film_distance
-    finest = max(EXACT_FINEST * per_pixel if exact else 0, aperture.finest)
-    small = math.inf if exact else SMALL
-    return through_lens(
-        layers_at, lens, psf, (left, top, width, height), scale, squares_per_mm, finest, small
-    )
+    compositor = Compositor(exposure.crop, channels)
+    begun: list[tuple[DepthSlice, list[KernelImages]]] = []
+    for group in track(groups, "Focusing"):
+        images = [(each, splat(each, channels)) for each in group]
+        # While Dr.Jit makes the images of this group, those of the group before it are spread.
+        compositor.put_behind([_spread(*each) for each in begun])
+        begun = images
+    compositor.put_behind([_spread(*each) for each in begun])
+    return compositor.finished()
+
+
+def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
+    """What the lens sees of the samples: known from before, or found out now."""
+    samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
+    aperture = aperture_behind(exposure.psf)
+    radius = exposure.blur.radius_per_vergence
+    if radius == 0:
+        samples, radius = samples.visible(), CLOSED_RADIUS
+    elif not how.exact:
+        step = math.log1p(2 * SIMILAR_RADIUS)
+        radius = math.exp(round(math.log(radius) / step) * step)
+    lens_points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
+    diffracts = aperture.diffracts
+    about = (jit.name(), subpixels, alpha, radius, diffracts)
+
+    def fragments() -> Fragments:
+        found = gather(samples, subpixels, radius, alpha)
+        return with_offsets(found, samples, subpixels) if diffracts else found
+
+    def views() -> ViewPyramid:
+        known = memo.get(("fragments", about), fragments)
+        return ViewPyramid(LensView.of(known, radius, lens_points, single_points=not diffracts))
+
+    return memo.get(("view", about, lens_points), views)
+
+
+def _spread(depth_slice: DepthSlice, images: list[KernelImages]) -> SpreadSlice:
+    """The light of a slice after its images were spread by their kernels and added up."""
+    pairs = [
+        (each.stack.image(index), kernel)
+        for each in images
+        for index, kernel in enumerate(each.kernels)
+    ]
+    wide = [(image, kernel) for image, kernel in pairs if kernel.ndim == 2]
+    light = convolve_cyclically(*zip(*wide, strict=True)) if wide else np.zeros_like(pairs[0][0])
+    for image, kernel in pairs:
+        if kernel.ndim == 1:
+            add_spread_by_row(light, image, kernel)
+    return SpreadSlice(light, depth_slice.box.left, depth_slice.box.top, depth_slice.resolution)

@@ -1,4 +1,4 @@
-"""What the points of a lens see of elements: :class:`Layers`.
+"""What the points of a lens see of fragments: :class:`LensView`.
 
 It is found once for an aperture, before the lens is focused.
 """
@@ -8,255 +8,324 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any
 
-import mitsuba as mi
 import numpy as np
 import scipy.ndimage
 
+from .. import _backend as jit
+from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
-from ..optics.psf import Aperture
 from ..samples.point_samples import PointSamples
-from .fragments import SHARE, Elements
-from .visibility import Turns, visibility, visibility_of_few
+from .fragments import SHARE, FragmentColumns, Fragments
+from .visibility import Jitter, visibility, visibility_of_highlights
 
-BRIGHT = 8
-"""Elements so many times as bright as most show the shape of the lens where they are blurred."""
+HIGHLIGHT_TO_MEDIAN = 8
+"""A highlight is so many times as bright as the median of all fragments, at least."""
 
-BRIGHT_BESIDE, NEIGHBOURHOOD = 6, 33
-"""And so many times as bright as the mean of so many squares each way around them."""
+HIGHLIGHT_CONTRAST = 6
+"""A highlight is so many times as bright as the mean of its neighbourhood, at least."""
 
-MOST_BRIGHT = 1 << 14
-"""Most elements that are seen from ``MORE`` times as many lens points because they are bright."""
+NEIGHBOURHOOD = 33
+"""Subpixels on a side of the neighbourhood of a highlight."""
 
-MORE = 16
+MAX_HIGHLIGHTS = 1 << 14
+"""Most highlights of a view: the brightest ones."""
+
+HIGHLIGHT_POINTS = 16
+"""Highlights are looked at from so many times as many lens points as other fragments."""
 
 LEAST_SEEN = 8
-"""What the innermost point of the lens sees at least, of 255, of what the pinhole sees."""
+"""What the innermost lens point sees at least, of 255, of what the pinhole sees."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Pupil:
+@dataclasses.dataclass(frozen=True, eq=False)
+class LensPoints:
     """The points of the lens from which visibility is found.
 
-    ``points`` are (M, 2), ``more`` those for bright elements, in radii of the aperture, x to the
-    right and y downwards in the picture of a highlight nearer than the focused plane. With a
-    ``cell`` those are not turned, see :class:`potmesil_mi.visibility.Turns`. The rim of the lens
-    is in front of the aperture: seen from a square it is moved by what the square is from
-    ``middle``, (2,), divided by ``far``, where there is one.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``points``                    float64 (M, 2), in radii of the aperture, x to the right and
+                                  y downwards in the picture of a highlight nearer than the
+                                  focused plane
+    ``highlight_points``          float64 (16 M, 2), the same for highlights
+    ``cell``                      radius, in radii of the aperture, by which :class:`Jitter`
+                                  moves points of an aperture that is not round; 0 for a round
+                                  one, whose points are turned
+    ``squeeze``                   of the lens
+    ``middle``                    the principal point, (2,), in subpixels of the window
+    ``rim_distance``              subpixels from ``middle`` at which the rim of the lens, which is
+                                  in front of the aperture, appears shifted by a radius of the
+                                  aperture; ``inf`` without vignetting
+    ============================  ==========================================================
+
+    Equal ones see the same; they are hashable, and so are part of the key of what is kept.
     """
 
     points: np.ndarray
-    more: np.ndarray
+    highlight_points: np.ndarray
     cell: float
     squeeze: float
     middle: tuple[float, float]
-    far: float
+    rim_distance: float
 
     @classmethod
     def of(
-        cls, aperture: Aperture, lens: ThinLens, samples: PointSamples, count: int, per_pixel: int
-    ) -> Pupil:
-        """``count`` points of the lens; ``per_pixel`` squares are on a side of a pixel."""
+        cls, aperture: Aperture, lens: ThinLens, samples: PointSamples, count: int, subpixels: int
+    ) -> LensPoints:
+        """``count`` points of the aperture, with ``subpixels`` on a side of a pixel."""
         scale = -1 / np.array([lens.squeeze, 1])
         width, height = samples.camera.film_size
         offset = samples.camera.principal_point_offset
         left, top = samples.window[:2]
         middle = (
-            ((0.5 + offset[0]) * width - left) * per_pixel,
-            ((0.5 + offset[1]) * height - top) * per_pixel,
+            ((0.5 + offset[0]) * width - left) * subpixels,
+            ((0.5 + offset[1]) * height - top) * subpixels,
         )
-        corner = math.hypot(width, height) / 2 * per_pixel
+        corner = math.hypot(width, height) / 2 * subpixels
         whole_disc = aperture.is_round and lens.squeeze == 1 and lens.vignetting == 0
         return cls(
             aperture.points(count) * scale,
-            aperture.points(MORE * count) * scale,
-            0.0 if whole_disc else 1 / math.sqrt(MORE * count),
+            aperture.points(HIGHLIGHT_POINTS * count) * scale,
+            0.0 if whole_disc else 1 / math.sqrt(HIGHLIGHT_POINTS * count),
             float(lens.squeeze),
             middle,
             corner / (2 * lens.vignetting) if lens.vignetting > 0 else math.inf,
         )
 
     @property
-    def key(self) -> Any:
-        """What it has in common with equal ones."""
-        return (self.points.tobytes(), self.more.shape, self.cell, self.far)
+    def has_rim(self) -> bool:
+        """Whether the rim of the lens cuts anything."""
+        return self.rim_distance < math.inf
 
-    def open(self, elements: Elements, points: np.ndarray) -> np.ndarray:
-        """Whether the rim lets through what points see of elements, bool (N, M)."""
+    def inside_rim(self, fragments: Fragments, points: np.ndarray) -> np.ndarray:
+        """Whether the rim lets through what each point sees of each fragment, bool (N, M)."""
         across, down = (
-            (at + 0.5 - middle) / self.far
-            for at, middle in zip((elements.x, elements.y), self.middle, strict=True)
+            (at + 0.5 - middle) / self.rim_distance
+            for at, middle in zip((fragments.x, fragments.y), self.middle, strict=True)
         )
         u, v = points[:, 0] * self.squeeze, points[:, 1]
         return (u - across[:, None]) ** 2 + (v - down[:, None]) ** 2 <= 1
 
+    @functools.cached_property
+    def _identity(self) -> tuple[object, ...]:
+        arrays = self.points.tobytes(), self.highlight_points.tobytes()
+        return (*arrays, self.cell, self.squeeze, self.middle, self.rim_distance)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, LensPoints):
+            return NotImplemented
+        return self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
 
 @dataclasses.dataclass(frozen=True)
-class Partial:
-    """Elements of which parts of the lens see nothing, or not all.
+class OccludedColumns:
+    """Columns of :class:`Occluded` as Dr.Jit arrays; ``u``, ``v`` are the lens points."""
 
-    ``seen``, uint8 (N, M), is what each of the lens's ``points``, (M, 2), sees of each, from
-    none to 255. The values of the elements are not multiplied by it. With ``turns`` the points
-    are arranged for each element.
+    fragments: FragmentColumns
+    seen: jit.UInt8
+    u: jit.Float
+    v: jit.Float
+
+
+@dataclasses.dataclass(frozen=True)
+class Occluded:
+    """Fragments of which some lens points see nothing, or not all.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``fragments``                 N fragments; their values are not multiplied by ``seen``
+    ``seen``                      uint8 (N, M), what each lens point sees of each, 0 to 255
+    ``points``                    float64 (M, 2), the lens points, see :class:`LensPoints`
+    ``jitter``                    the arrangement of the points for each fragment, or ``None``
+    ============================  ==========================================================
     """
 
-    elements: Elements
+    fragments: Fragments
     seen: np.ndarray
     points: np.ndarray
-    turns: Turns | None = None
+    jitter: Jitter | None = None
 
-    def coarser(self, factor: int) -> Partial:
-        """The same on squares, and in bins of depth, ``factor`` times as large."""
-        elements, index = self.elements.coarser(factor)
-        weight = self.elements.values[:, SHARE].astype(np.float64)
-        total = np.bincount(index, weight, len(elements))
-        seen = [np.bincount(index, weight * column, len(elements)) for column in self.seen.T]
+    def coarser(self, factor: int) -> Occluded:
+        """The same on subpixels, and in bins of depth, ``factor`` times as large."""
+        fragments, index = self.fragments.coarser(factor)
+        weight = self.fragments.values[:, SHARE].astype(np.float64)
+        total = np.bincount(index, weight, len(fragments))
+        seen = [np.bincount(index, weight * column, len(fragments)) for column in self.seen.T]
         mean = np.rint(np.stack(seen, axis=1) / total[:, None])
-        return Partial(elements, mean.astype(np.uint8), self.points)
+        return Occluded(fragments, mean.astype(np.uint8), self.points)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes of the columns on the host."""
+        return self.fragments.nbytes + self.seen.nbytes
 
     @functools.cached_property
-    def on_device(self) -> dict[str, Any]:
+    def on_device(self) -> OccludedColumns:
         """The columns as Dr.Jit arrays.
 
-        The values are such that times what a point sees they are its share.
+        The values are scaled: multiplied by what a lens point sees, they are its share.
         """
         share = np.float32(1 / (255 * len(self.points)))
-        columns = _columns(self.elements, self.elements.values * share)
-        columns["seen"] = mi.UInt8(self.seen.ravel())
-        columns["u"], columns["v"] = (mi.Float(column) for column in self.points.T.copy())
-        return columns
+        u, v = (jit.Float(column) for column in self.points.T.copy())
+        return OccludedColumns(
+            FragmentColumns.of(self.fragments, self.fragments.values * share),
+            jit.UInt8(self.seen.ravel()),
+            u,
+            v,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
-class Layers:
-    """What is known of samples before the lens is focused.
+class LensView:
+    """Fragments, parted by what the lens sees of them, before it is focused.
 
-    ``whole`` are elements that the whole lens sees, ``partial`` those of which parts of it do
-    not see all. ``bright`` are the colours, without the shares, of some of either kind, whose light
-    shows the shape of the lens and how it is cut up; they are seen from more points, and kept on
-    the squares of the picture.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``unoccluded``                fragments that all lens points see
+    ``occluded``                  fragments of which some lens points see nothing, or not all
+    ``highlights``                the colours, without the shares, of the brightest of both
+                                  kinds, whose light shows the shape of the lens and how it is
+                                  cut; they are looked at from more points, and are the same in
+                                  all coarser views
+    ============================  ==========================================================
     """
 
-    whole: Elements
-    partial: Partial
-    bright: Partial
+    unoccluded: Fragments
+    occluded: Occluded
+    highlights: Occluded
 
     @classmethod
-    def of(cls, elements: Elements, scale: float, pupil: Pupil, spots: bool = True) -> Layers:
-        """Elements and what the points of a lens see of them.
+    def of(
+        cls,
+        fragments: Fragments,
+        radius_per_vergence: float,
+        lens_points: LensPoints,
+        single_points: bool = True,
+    ) -> LensView:
+        """The view of ``fragments`` from the ``lens_points``.
 
-        ``scale`` is the radius of the circle in squares per unit of vergence. Without ``spots``
-        only bright elements are looked at closely that are seen in part.
+        ``radius_per_vergence`` is the radius of the circle in subpixels per unit of vergence.
+        Without ``single_points`` only fragments that are seen in part can be highlights.
         """
-        coverable, seen = visibility(elements, scale, pupil.points)
+        coverable, seen = visibility(fragments, radius_per_vergence, lens_points.points)
         # The pinhole does see its samples: without a trace of them there might be black holes.
-        first = elements.front[coverable] == 0
+        first = fragments.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
-        if pupil.far < math.inf:
-            coverable, seen, elements = _within_rim(elements, coverable, seen, pupil)
+        if lens_points.has_rim:
+            coverable, seen, fragments = _within_rim(fragments, coverable, seen, lens_points)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
-        whole, partial = ~coverable, np.zeros(len(elements), dtype=bool)
-        whole[coverable], partial[coverable] = all_seen, some_seen & ~all_seen
-        bright = _is_bright(elements) & ((whole & spots) | partial)
-        few, more = elements.chosen(bright), pupil.more
-        seen_of_few = visibility_of_few(elements, few, scale, more, pupil.cell)
-        if pupil.far < math.inf:
-            seen_of_few *= pupil.open(few, more)
-        # The bright ones' colours leave their shares of the squares behind.
-        colours, shares = few.values.copy(), elements.values.copy()
+        unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
+        unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
+        bright = _is_highlight(fragments) & ((unoccluded & single_points) | occluded)
+        chosen, more = fragments.chosen(bright), lens_points.highlight_points
+        seen_of_chosen = visibility_of_highlights(
+            fragments, chosen, radius_per_vergence, more, lens_points.cell
+        )
+        if lens_points.has_rim:
+            seen_of_chosen *= lens_points.inside_rim(chosen, more)
+        # The highlights' colours leave their shares of the subpixels behind.
+        colours, shares = chosen.values.copy(), fragments.values.copy()
         colours[:, SHARE:] = 0
         shares[bright, :SHARE] = 0
-        elements = dataclasses.replace(elements, values=shares)
-        few = dataclasses.replace(few, values=colours)
+        fragments = dataclasses.replace(fragments, values=shares)
+        chosen = dataclasses.replace(chosen, values=colours)
         return cls(
-            elements.chosen(whole),
-            Partial(elements.chosen(partial), seen[partial[coverable]], pupil.points),
-            Partial(few, seen_of_few, more, Turns(few, pupil.cell)),
+            fragments.chosen(unoccluded),
+            Occluded(fragments.chosen(occluded), seen[occluded[coverable]], lens_points.points),
+            Occluded(chosen, seen_of_chosen, more, Jitter(chosen, lens_points.cell)),
         )
 
-    def coarser(self, factor: int) -> Layers:
-        """The same on squares, and in bins of depth, ``factor`` times as large."""
-        whole = self.whole.coarser_linearly(factor)
-        return Layers(whole, self.partial.coarser(factor), self.bright)
+    def coarser(self, factor: int) -> LensView:
+        """The same on subpixels, and in bins of depth, ``factor`` times as large."""
+        unoccluded = self.unoccluded.coarser_linearly(factor)
+        return LensView(unoccluded, self.occluded.coarser(factor), self.highlights)
 
     @property
-    def elements(self) -> list[Elements]:
-        """All that there are."""
-        return [self.whole, self.partial.elements, self.bright.elements]
+    def kinds(self) -> tuple[Fragments, Fragments, Fragments]:
+        """The fragments that are unoccluded, occluded, and highlights."""
+        return self.unoccluded, self.occluded.fragments, self.highlights.fragments
 
     @functools.cached_property
     def counts(self) -> np.ndarray:
-        """How many elements each bin has."""
-        counts = [np.bincount(elements.bin) for elements in self.elements]
+        """How many fragments each bin has, int64 (bins,)."""
+        counts = [np.bincount(fragments.bin) for fragments in self.kinds]
         longest = max(len(count) for count in counts)
         return np.sum([np.pad(count, (0, longest - len(count))) for count in counts], axis=0)
 
     @functools.cached_property
     def vergences(self) -> tuple[np.ndarray, np.ndarray]:
-        """The bins that have elements of ``whole``, and the mean vergence of these."""
-        counts = np.bincount(self.whole.bin)
+        """The bins that have unoccluded fragments, and the mean vergence of these."""
+        counts = np.bincount(self.unoccluded.bin)
         bins = np.flatnonzero(counts)
-        return bins, np.bincount(self.whole.bin, self.whole.vergence)[bins] / counts[bins]
+        sums = np.bincount(self.unoccluded.bin, self.unoccluded.vergence)
+        return bins, sums[bins] / counts[bins]
 
     @functools.cached_property
-    def on_device(self) -> dict[str, Any]:
-        """Columns of what the whole lens sees, as Dr.Jit arrays."""
-        return _columns(self.whole, self.whole.values)
-
-    @functools.cached_property
-    def spots(self) -> np.ndarray:
-        """Those of ``whole``, (n,), of which one sees where in their squares they are."""
-        if self.whole.offset is None:
+    def single_points(self) -> np.ndarray:
+        """Index, (n,), of unoccluded fragments so bright that their place in a subpixel shows."""
+        if self.unoccluded.offset is None:
             return np.empty(0, dtype=np.int64)
-        return np.flatnonzero(_is_bright(self.whole))
+        return np.flatnonzero(_is_highlight(self.unoccluded))
+
+
+class ViewPyramid:
+    """A view, and coarser ones that are made when they are first asked for."""
+
+    def __init__(self, finest: LensView) -> None:
+        self._levels = {1: finest}
+
+    def at(self, factor: int) -> LensView:
+        """The view on subpixels, and in bins of depth, ``factor`` times as large."""
+        if factor not in self._levels:
+            self._levels[factor] = self._levels[1].coarser(factor)
+        return self._levels[factor]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes: the columns of all levels, each on the host and on the device."""
+        finest = self._levels[1]
+        kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in self._levels.values()]
+        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds)))
 
 
 def _within_rim(
-    elements: Elements, coverable: np.ndarray, seen: np.ndarray, pupil: Pupil
-) -> tuple[np.ndarray, np.ndarray, Elements]:
-    """The same of all elements, where the rim of the lens lets only part of the light through.
+    fragments: Fragments, coverable: np.ndarray, seen: np.ndarray, lens_points: LensPoints
+) -> tuple[np.ndarray, np.ndarray, Fragments]:
+    """What lens points see of all fragments where the rim of the lens lets through a part only.
 
-    That part becomes brighter, for what the rim takes changes shapes here and not the exposure.
+    That part becomes brighter: what the rim takes changes shapes and not the exposure.
     """
-    open_ = pupil.open(elements, pupil.points)
-    open_[~open_.any(axis=1), 0] = True
-    count = len(pupil.points)
-    all_of_them = np.full((len(elements), count), 255, dtype=np.uint8)
-    all_of_them[coverable] = seen
-    all_of_them *= open_
-    unseen = ~all_of_them.any(axis=1) & (elements.front == 0)
-    all_of_them[unseen, open_[unseen].argmax(axis=1)] = LEAST_SEEN
-    values = elements.values * (count / open_.sum(axis=1, keepdims=True)).astype(np.float32)
-    whole = np.ones(len(elements), dtype=bool)
-    return whole, all_of_them, dataclasses.replace(elements, values=values)
+    inside = lens_points.inside_rim(fragments, lens_points.points)
+    inside[~inside.any(axis=1), 0] = True
+    count = len(lens_points.points)
+    seen_of_all = np.full((len(fragments), count), 255, dtype=np.uint8)
+    seen_of_all[coverable] = seen
+    seen_of_all *= inside
+    unseen = ~seen_of_all.any(axis=1) & (fragments.gap_in_front == 0)
+    seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
+    values = fragments.values * (count / inside.sum(axis=1, keepdims=True)).astype(np.float32)
+    every_one = np.ones(len(fragments), dtype=bool)
+    return every_one, seen_of_all, dataclasses.replace(fragments, values=values)
 
 
-def _is_bright(elements: Elements) -> np.ndarray:
-    """The elements, bool (N,), much brighter than most and than what is around them.
+def _is_highlight(fragments: Fragments) -> np.ndarray:
+    """The fragments, bool (N,), much brighter than most and than what is around them.
 
-    There are no more than ``MOST_BRIGHT``.
+    There are at most ``MAX_HIGHLIGHTS``.
     """
-    red, green, blue = elements.values.T[:SHARE]
+    red, green, blue = fragments.values.T[:SHARE]
     peak = np.maximum(np.maximum(red, green), blue)
-    picture = np.zeros((elements.height, elements.width), dtype=np.float32)
-    np.maximum.at(picture, (elements.y, elements.x), peak)
-    around = scipy.ndimage.uniform_filter(picture, NEIGHBOURHOOD)[elements.y, elements.x]
-    least = BRIGHT * np.median(peak)
-    peak[peak < BRIGHT_BESIDE * around] = 0
-    if len(peak) > MOST_BRIGHT:
-        least = max(least, float(np.partition(peak, -MOST_BRIGHT)[-MOST_BRIGHT]))
+    picture = np.zeros((fragments.height, fragments.width), dtype=np.float32)
+    np.maximum.at(picture, (fragments.y, fragments.x), peak)
+    around = scipy.ndimage.uniform_filter(picture, NEIGHBOURHOOD)[fragments.y, fragments.x]
+    least = HIGHLIGHT_TO_MEDIAN * np.median(peak)
+    peak[peak < HIGHLIGHT_CONTRAST * around] = 0
+    if len(peak) > MAX_HIGHLIGHTS:
+        least = max(least, float(np.partition(peak, -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]))
     return peak > least
-
-
-def _columns(elements: Elements, values: np.ndarray) -> dict[str, Any]:
-    columns = {
-        "x": mi.Int32(elements.x),
-        "y": mi.Int32(elements.y),
-        "vergence": mi.Float(elements.vergence),
-        "bin": mi.UInt32(elements.bin),
-        "values": mi.Float(np.ascontiguousarray(values[:, :4]).ravel()),
-    }
-    if values.shape[1] > 4:
-        columns["alpha"] = mi.Float(np.ascontiguousarray(values[:, 4]))
-    return columns

@@ -1,8 +1,11 @@
-"""Visibility: which parts of the lens see which elements.
+"""Visibility: which points of the lens see which fragments.
 
-The lens is looked through at a number of points. From each of them the elements appear shifted
-by their parallax, and cover each other from the nearest to the farthest; what they leave free
-is what the point sees of those behind. None of it depends on where the lens is focused.
+From each lens point the fragments appear shifted by their parallax, and they cover each other from
+the nearest to the farthest. What the nearer ones leave free of a subpixel is what the lens point
+sees of those behind. None of it depends on where the lens is focused.
+
+The decision for a fragment and a lens point is one line of :func:`_seen_from`:
+``free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)``.
 """
 
 from __future__ import annotations
@@ -13,184 +16,220 @@ import math
 from typing import NamedTuple
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 import scipy.ndimage
 
-from .fragments import BIN, MOST_BINS, SHARE, Elements
+from .. import _backend as jit
+from .fragments import BIN_RADIUS, MAX_BINS, SHARE, Fragments
 
-TOLERANCE = 2
-"""Bins within which elements do not cover each other: those of one slanted surface."""
+SLANT_BINS = 2
+"""Fragments less than so many bins apart do not cover each other: one slanted surface has them."""
 
-CONNECTED = 0.5
-"""Elements in squares side by side are of one surface where their parallaxes differ by no more, in
-squares: where a lens point sees them apart, there is no gap between them."""
+CONNECTED_PARALLAX = 0.5
+"""Largest difference of parallax, in subpixels, of neighbouring fragments of one surface. Where a
+lens point sees them farther apart than that, there is no gap between them."""
 
-MOST_STEPS = 128
-"""Most steps in which elements cover others, each of as many bins as it takes."""
+MAX_STEPS = 128
+"""Most steps from near to far in which fragments cover others; a step may have several bins."""
 
-MEMORY = 1 << 26
-"""Most squares, of all the pictures of what is covered, that are kept at once."""
+MAX_COVERED = 1 << 26
+"""Most subpixels, of all lens points' images of what is covered, that are kept at once."""
+
+STEP_PARALLAX = 0.75
+"""Largest distance in parallax, in subpixels, from a step towards a lens point at which what is in
+the way there blocks it; half a step and a quarter for rounding."""
 
 
 def visibility(
-    elements: Elements, scale: float, points: np.ndarray
+    fragments: Fragments, radius_per_vergence: float, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What of the elements the points of a lens see.
+    """What each of the lens ``points`` sees of the fragments.
 
-    ``scale`` is the parallax in squares per unit of vergence of a lens point at radius 1,
-    ``points``, (M, 2), are in units of that radius.
+    ``points``, (M, 2), are in units of the lens's radius; ``radius_per_vergence`` is the parallax,
+    in subpixels per unit of vergence, of a lens point at radius 1.
 
-    Returns the elements, bool (N,), of which some point may not see all; and of these, in their
-    order, what each point sees, uint8 (n, M), from none to 255. What is less than
-    a step and ``TOLERANCE`` bins behind the first surface of its square is seen from nowhere.
+    Returns which fragments, bool (N,), some lens point may not see as a whole; and for these, in
+    their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
+    fragments less than one step and ``SLANT_BINS`` bins behind the first surface of their subpixel
+    are seen from nowhere.
     """
-    coverable = _has_beside(elements, np.ones(len(elements), dtype=bool), scale)
-    coverable |= elements.front > 0
-    covering = _has_beside(elements, coverable, -scale)
-    ends = elements.vergence.min(), elements.vergence.max()
+    coverable = _may_be_covered(fragments, np.ones(len(fragments), dtype=bool), radius_per_vergence)
+    coverable |= fragments.gap_in_front > 0
+    covering = _may_be_covered(fragments, coverable, -radius_per_vergence)
+    ends = fragments.vergence.min(), fragments.vergence.max()
     middle = (ends[0] + ends[1]) / 2
-    margin = math.ceil(scale * (ends[1] - ends[0]) / 2) + 3
-    width, height = elements.width + 2 * margin, elements.height + 2 * margin
-    at_once = max(1, MEMORY // (width * height))
-    covers = _Covers.of(elements, scale).chosen(covering)
+    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2) + 3
+    frame = _Frame(fragments.width + 2 * margin, fragments.height + 2 * margin)
+    at_once = max(1, MAX_COVERED // frame.size)
+    covers = _Covers.of(fragments, radius_per_vergence).chosen(covering)
     behind, before = (
-        _Shifted(elements.chosen(mask), margin, middle, scale) for mask in (coverable, covering)
+        _Shifted(fragments.chosen(mask), margin, middle, radius_per_vergence)
+        for mask in (coverable, covering)
     )
-    result = np.empty((behind.count, len(points)), dtype=np.uint8)
+    seen = np.empty((behind.count, len(points)), dtype=np.uint8)
     for first in range(0, len(points), at_once):
         part = points[first : first + at_once].astype(np.float32)
-        result[:, first : first + at_once] = _seen_from(part, behind, before, covers, width, height)
-    front = elements.front[coverable]
-    least = _bins_of_a_step(behind) + TOLERANCE
-    result[(front > 0) & (front < least * elements.step)] = 0
-    return coverable, result
+        seen[:, first : first + at_once] = _seen_from(part, behind, before, covers, frame)
+    gap = fragments.gap_in_front[coverable]
+    least = behind.bins_per_step + SLANT_BINS
+    seen[(gap > 0) & (gap < least * fragments.bin_width)] = 0
+    return coverable, seen
 
 
-class Turns:
-    """An arrangement of a lens's points of its own for each element.
+class Jitter:
+    """An arrangement of the lens points of its own for each fragment.
 
-    Each turns them by an angle, and moves them outwards or inwards within their cells, unlike its
-    neighbours: so they leave no pattern where the light of many elements adds up. Points of an
-    aperture that is not round are moved together, by no more than the radius of a cell.
+    Each fragment turns the points of a round lens by an angle and moves them outwards or inwards
+    within their cells, unlike its neighbours, so that they leave no pattern where the light of
+    many fragments adds up. Points of an aperture that is not round are moved together, by at most
+    the radius of a ``cell``, in radii of the aperture; ``cell`` is 0 for a round one.
     """
 
-    def __init__(self, elements: Elements, cell: float = 0.0) -> None:
-        mixed = elements.x.astype(np.uint32) * np.uint32(0x9E3779B1)
-        mixed ^= elements.y.astype(np.uint32) * np.uint32(0x85EBCA77)
+    def __init__(self, fragments: Fragments, cell: float = 0.0) -> None:
+        mixed = fragments.x.astype(np.uint32) * np.uint32(0x9E3779B1)
+        mixed ^= fragments.y.astype(np.uint32) * np.uint32(0x85EBCA77)
         mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
         mixed ^= mixed >> np.uint32(13)
         angle = (mixed & np.uint32(0xFFFF)) * (2 * math.pi / 65536)
-        self.cosine, self.sine = (mi.Float(f(angle).astype(np.float32)) for f in (np.cos, np.sin))
-        self.outwards = mi.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
+        self.cosine, self.sine = (jit.Float(f(angle).astype(np.float32)) for f in (np.cos, np.sin))
+        self.outwards = jit.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
         self.cell = cell
 
-    def points(
-        self, u: mi.Float, v: mi.Float, point: mi.UInt32, element: mi.UInt32
-    ) -> tuple[mi.Float, mi.Float]:
-        """Where points (u, v), of these numbers, are for these elements."""
+    def moved(
+        self, u: jit.Float, v: jit.Float, point: jit.UInt32, fragment: jit.UInt32
+    ) -> tuple[jit.Float, jit.Float]:
+        """Where the points (u, v), whose numbers are ``point``, are for each ``fragment``."""
         cosine, sine, outwards = (
-            dr.gather(mi.Float, column, element)
+            dr.gather(jit.Float, column, fragment)
             for column in (self.cosine, self.sine, self.outwards)
         )
         if self.cell > 0:
-            size = dr.opaque(mi.Float, self.cell) * dr.sqrt(outwards)
+            size = dr.opaque(jit.Float, self.cell) * dr.sqrt(outwards)
             return dr.fma(size, cosine, u), dr.fma(size, sine, v)
-        size = dr.sqrt((mi.Float(point) + outwards) / (mi.Float(point) + 0.5))
+        size = dr.sqrt((jit.Float(point) + outwards) / (jit.Float(point) + 0.5))
         return size * (cosine * u - sine * v), size * (sine * u + cosine * v)
 
 
-def visibility_of_few(
-    elements: Elements, few: Elements, scale: float, points: np.ndarray, cell: float = 0.0
+def visibility_of_highlights(
+    fragments: Fragments,
+    highlights: Fragments,
+    radius_per_vergence: float,
+    points: np.ndarray,
+    cell: float = 0.0,
 ) -> np.ndarray:
-    """What each point sees of each of a ``few`` elements, uint8 (n, M), from none to 255.
+    """What each lens point sees of each highlight, uint8 (n, M), 0 for nothing to 255 for all.
 
-    For many points, arranged by :class:`Turns` with that ``cell``, and few elements: it follows
-    each way from an element to a lens point past the nearest of the ``elements`` in each square.
+    This is for many points, arranged by :class:`Jitter` with that ``cell``, and few fragments: it
+    follows the way from each highlight to each lens point past the nearest of the ``fragments`` in
+    every subpixel that it crosses.
     """
-    if len(few) == 0:
+    if len(highlights) == 0:
         return np.empty((0, len(points)), dtype=np.uint8)
-    width, height = elements.width, elements.height
-    square = elements.y.astype(np.int64) * width + elements.x
-    parallax = elements.vergence * np.float32(scale)
+    width, height = fragments.width, fragments.height
+    subpixel = fragments.subpixel
+    parallax = fragments.vergence * np.float32(radius_per_vergence)
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
-    np.maximum.at(nearest, square, parallax)
-    same = parallax > nearest[square] - 1
-    share = np.bincount(square[same], _coverage(elements)[same], width * height)
-    parallaxes, shares = mi.Float(nearest), mi.Float(share)
-    end = dr.opaque(mi.Float, float(nearest.max()))
-    count = dr.opaque(mi.UInt32, len(points))
-    lane = dr.arange(mi.UInt32, len(few) * len(points))
-    element = lane // count
-    point = lane - element * count
+    np.maximum.at(nearest, subpixel, parallax)
+    same = parallax > nearest[subpixel] - 1
+    share = np.bincount(subpixel[same], _coverage(fragments)[same], width * height)
+    parallaxes, shares = jit.Float(nearest), jit.Float(share)
+    end = dr.opaque(jit.Float, float(nearest.max()))
+    count = dr.opaque(jit.UInt32, len(points))
+    lane = dr.arange(jit.UInt32, len(highlights) * len(points))
+    fragment = lane // count
+    point = lane - fragment * count
     u, v = (
-        dr.gather(mi.Float, mi.Float(np.ascontiguousarray(column, np.float32)), point)
+        dr.gather(jit.Float, jit.Float(np.ascontiguousarray(column, np.float32)), point)
         for column in points.T
     )
-    u, v = Turns(few, cell).points(u, v, point, element)
+    u, v = Jitter(highlights, cell).moved(u, v, point, fragment)
     x, y = (
-        dr.gather(mi.Float, mi.Float(column + np.float32(0.5)), element)
-        for column in (few.x, few.y)
+        dr.gather(jit.Float, jit.Float(column + np.float32(0.5)), fragment)
+        for column in (highlights.x, highlights.y)
     )
-    own = dr.gather(mi.Float, mi.Float(few.vergence * np.float32(scale)), element)
-    wide, high = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
+    own = jit.Float(highlights.vergence * np.float32(radius_per_vergence))
+    own = dr.gather(jit.Float, own, fragment)
+    wide, high = dr.opaque(jit.Int32, width), dr.opaque(jit.Int32, height)
 
-    def step(way: mi.Float, free: mi.Float) -> tuple[mi.Float, mi.Float]:
-        column = mi.Int32(dr.floor(dr.fma(-way, u, x)))
-        row = mi.Int32(dr.floor(dr.fma(-way, v, y)))
+    def step(way: jit.Float, free: jit.Float) -> tuple[jit.Float, jit.Float]:
+        column = jit.Int32(dr.floor(dr.fma(-way, u, x)))
+        row = jit.Int32(dr.floor(dr.fma(-way, v, y)))
         inside = (column >= 0) & (row >= 0) & (column < wide) & (row < high)
-        place = mi.UInt32(row * wide + column)
-        parallax = dr.gather(mi.Float, parallaxes, place, inside) - own
-        meets = inside & (dr.abs(parallax - way) <= 0.75)
-        share = dr.gather(mi.Float, shares, place, meets)
+        place = jit.UInt32(row * wide + column)
+        parallax = dr.gather(jit.Float, parallaxes, place, inside) - own
+        meets = inside & (dr.abs(parallax - way) <= STEP_PARALLAX)
+        share = dr.gather(jit.Float, shares, place, meets)
         return way + 1, dr.minimum(free, 1 - dr.minimum(share, 1))
 
-    start = TOLERANCE * BIN + 0.5
-    way, free = dr.full(mi.Float, start, dr.width(lane)), dr.full(mi.Float, 1, dr.width(lane))
+    start = SLANT_BINS * BIN_RADIUS + 0.5
+    way, free = dr.full(jit.Float, start, dr.width(lane)), dr.full(jit.Float, 1, dr.width(lane))
     _, free = dr.while_loop((way, free), lambda way, free: (way < end - own + 1) & (free > 0), step)
-    return np.array(_as_byte(free)).reshape(len(few), len(points))
+    return np.array(_as_byte(free)).reshape(len(highlights), len(points))
 
 
-def _coverage(elements: Elements) -> np.ndarray:
-    """How much of its square each element covers, float32 (N,).
+def _coverage(fragments: Fragments) -> np.ndarray:
+    """How much of its subpixel each fragment covers, float32 (N,).
 
-    Its share of what the pinhole sees in the square: where chance has put fewer samples, that
-    is no hole.
+    It is the fragment's share of what the pinhole sees in the subpixel. Where chance has put fewer
+    samples there is no hole.
     """
-    square = elements.y.astype(np.int64) * elements.width + elements.x
-    share, first = elements.values[:, SHARE], elements.front == 0
-    total = np.bincount(square[first], share[first], elements.width * elements.height)[square]
+    subpixel = fragments.subpixel
+    share, first = fragments.values[:, SHARE], fragments.gap_in_front == 0
+    total = np.bincount(subpixel[first], share[first], fragments.width * fragments.height)
+    total = total[subpixel]
     return (share / np.where(total > 0, total, 1)).astype(np.float32)
 
 
-def _has_beside(elements: Elements, others: np.ndarray, scale: float) -> np.ndarray:
-    """Elements, bool (N,), over which parallax may move one of ``others``, bool (N,), in front.
+def _may_be_covered(
+    fragments: Fragments, others: np.ndarray, radius_per_vergence: float
+) -> np.ndarray:
+    """Fragments, bool (N,), in front of which parallax may move one of ``others``, bool (N,).
 
-    With a negative ``scale`` those under which one may be moved.
+    With a negative ``radius_per_vergence``: fragments that parallax may move in front of one of
+    the others.
     """
-    height, width = elements.height, elements.width
-    square = elements.y.astype(np.int64) * width + elements.x
-    parallax = elements.vergence * np.float32(scale)
+    height, width = fragments.height, fragments.width
+    subpixel = fragments.subpixel
+    parallax = fragments.vergence * np.float32(radius_per_vergence)
     nearest = np.full(height * width, -np.inf, dtype=np.float32)
-    np.maximum.at(nearest, square[others], parallax[others])
-    result = np.zeros(len(elements), dtype=bool)
+    np.maximum.at(nearest, subpixel[others], parallax[others])
+    result = np.zeros(len(fragments), dtype=bool)
     distance, before = 1, 0
     largest = float(nearest.max()) - float(parallax.min())
     while before <= min(largest + 1, max(height, width)):
-        beside = scipy.ndimage.maximum_filter(nearest.reshape(height, width), 2 * distance + 1)
-        result |= beside.ravel()[square] - parallax >= max(before - 1, TOLERANCE * BIN)
+        around = scipy.ndimage.maximum_filter(nearest.reshape(height, width), 2 * distance + 1)
+        result |= around.ravel()[subpixel] - parallax >= max(before - 1, SLANT_BINS * BIN_RADIUS)
         distance, before = math.ceil(1.5 * (distance + 1)), distance
     return result
 
 
 @dataclasses.dataclass(frozen=True)
-class _Covers:
-    """How much elements cover, and how far they reach to the right and downwards.
+class _CoverColumns:
+    """The columns of :class:`_Covers` as Dr.Jit arrays."""
 
-    An element ends where the next of its surface begins. So no gaps open where a lens point sees
-    a slanted surface stretched. Where chance has put no sample in a square, those beside it reach
-    over it. ``right`` and ``below`` are parallaxes, in squares, at the end of the element from
-    that at its beginning, ``wide`` and ``high`` its size in squares, 1 or 2.
+    share: jit.Float
+    right: jit.Float
+    below: jit.Float
+    wide: jit.Float
+    high: jit.Float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Covers:
+    """How much fragments cover, and how far they reach to the right and downwards.
+
+    A fragment ends where the next one of its surface begins, so that no gaps open where a lens
+    point sees a slanted surface stretched. Where chance has put no sample in a subpixel, the
+    fragments beside it reach over it.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``share``                     float32 (N,), covered part of a subpixel
+    ``right``, ``below``          float32 (N,), parallax in subpixels at the fragment's end less
+                                  that at its beginning
+    ``wide``, ``high``            float32 (N,), size in subpixels, 1 or 2
+    ============================  ==========================================================
     """
 
     share: np.ndarray
@@ -200,12 +239,12 @@ class _Covers:
     high: np.ndarray
 
     @classmethod
-    def of(cls, elements: Elements, scale: float) -> _Covers:
-        """Those of all elements; ``scale`` is the parallax in squares per unit of vergence."""
-        height, width = elements.height, elements.width
-        place = elements.y.astype(np.int64) * (width + 1) + elements.x
-        parallax = elements.vergence * np.float32(scale)
-        # A row and a column more: what is beyond the window is not connected, nor empty.
+    def of(cls, fragments: Fragments, radius_per_vergence: float) -> _Covers:
+        """Those of all fragments."""
+        height, width = fragments.height, fragments.width
+        place = fragments.y.astype(np.int64) * (width + 1) + fragments.x
+        parallax = fragments.vergence * np.float32(radius_per_vergence)
+        # A row and a column more: what lies beyond the window is not connected, nor is it empty.
         shape = (height + 1) * (width + 1)
         nearest = np.full(shape, -np.inf, dtype=np.float32)
         farthest = np.full(shape, np.inf, dtype=np.float32)
@@ -215,129 +254,147 @@ class _Covers:
         empty.reshape(height + 1, width + 1)[:, -1] = False
         empty.reshape(height + 1, width + 1)[-1] = False
         ends, sizes = [], []
-        for beside in (place + 1, place + width + 1):
-            apart = [by_square[beside] - parallax for by_square in (nearest, farthest)]
+        for neighbour in (place + 1, place + width + 1):
+            apart = [by_place[neighbour] - parallax for by_place in (nearest, farthest)]
             apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
-            ends.append(np.where(np.abs(apart) <= CONNECTED, apart, np.float32(0)))
-            sizes.append(empty[beside].astype(np.float32) + 1)
-        return cls(_coverage(elements), *ends, *sizes)
+            ends.append(np.where(np.abs(apart) <= CONNECTED_PARALLAX, apart, np.float32(0)))
+            sizes.append(empty[neighbour].astype(np.float32) + 1)
+        return cls(_coverage(fragments), *ends, *sizes)
 
     def chosen(self, mask: np.ndarray) -> _Covers:
-        """Those that ``mask``, bool (N,), has."""
+        """Those of which ``mask``, bool (N,), is true."""
         return _Covers(*(getattr(self, field.name)[mask] for field in dataclasses.fields(self)))
 
     @functools.cached_property
-    def on_device(self) -> dict[str, mi.Float]:
+    def on_device(self) -> _CoverColumns:
         """The columns as Dr.Jit arrays."""
-        return {
-            field.name: mi.Float(getattr(self, field.name)) for field in dataclasses.fields(self)
-        }
+        return _CoverColumns(
+            *(jit.Float(getattr(self, field.name)) for field in dataclasses.fields(self))
+        )
+
+
+class _Frame(NamedTuple):
+    """Subpixels of a lens point's image: the window and a margin around it."""
+
+    width: int
+    height: int
+
+    @property
+    def size(self) -> int:
+        return self.width * self.height
 
 
 class _Shifted:
-    """Elements as lens points see them, on a grid with a margin around the window."""
+    """Fragments as lens points see them, in a frame with a ``margin`` around the window.
 
-    def __init__(self, elements: Elements, margin: int, middle: float, scale: float) -> None:
-        self.count = len(elements)
-        self.bin = elements.bin
-        self.x = mi.Float(elements.x + np.float32(margin + 0.5))
-        self.y = mi.Float(elements.y + np.float32(margin + 0.5))
-        self.parallax = mi.Float((elements.vergence - middle) * np.float32(scale))
+    ``middle`` is the vergence that all lens points see at the same place.
+    """
+
+    def __init__(
+        self, fragments: Fragments, margin: int, middle: float, radius_per_vergence: float
+    ) -> None:
+        self.count = len(fragments)
+        self.bin = fragments.bin
+        self.x = jit.Float(fragments.x + np.float32(margin + 0.5))
+        self.y = jit.Float(fragments.y + np.float32(margin + 0.5))
+        self.parallax = jit.Float((fragments.vergence - middle) * np.float32(radius_per_vergence))
+
+    @property
+    def bins_per_step(self) -> int:
+        """How many bins make a step, so that there are at most ``MAX_STEPS`` steps."""
+        return max(1, -(-int(self.bin.max(initial=0)) // MAX_STEPS))
 
     def part(self, bins: range) -> tuple[int, int]:
-        """First and last but one of the elements in some bins."""
+        """The fragments of some bins: index of the first, and of the first behind the last."""
         start, stop = np.searchsorted(self.bin, np.array([bins.start, bins.stop], np.int32))
         return int(start), int(stop)
 
-    def seen(self, part: tuple[int, int], points: tuple[mi.Float, mi.Float]) -> _Seen:
-        """Each element of a part, as many times as there are points; and where each sees it."""
-        count = dr.opaque(mi.UInt32, len(points[0]))
-        lane = dr.arange(mi.UInt32, (part[1] - part[0]) * len(points[0]))
-        element = lane // count
-        point = lane - element * count
-        element += dr.opaque(mi.UInt32, part[0])
-        parallax = dr.gather(mi.Float, self.parallax, element)
-        u, v = (dr.gather(mi.Float, column, point) for column in points)
-        x = dr.fma(parallax, u, dr.gather(mi.Float, self.x, element))
-        y = dr.fma(parallax, v, dr.gather(mi.Float, self.y, element))
-        return _Seen(element, point, u, v, x, y)
+    def from_points(self, part: tuple[int, int], points: tuple[jit.Float, jit.Float]) -> _FromPoint:
+        """Every pair of a fragment of ``part`` and one of the ``points``, (u, v)."""
+        count = dr.opaque(jit.UInt32, len(points[0]))
+        lane = dr.arange(jit.UInt32, (part[1] - part[0]) * len(points[0]))
+        fragment = lane // count
+        point = lane - fragment * count
+        fragment += dr.opaque(jit.UInt32, part[0])
+        parallax = dr.gather(jit.Float, self.parallax, fragment)
+        u, v = (dr.gather(jit.Float, column, point) for column in points)
+        x = dr.fma(parallax, u, dr.gather(jit.Float, self.x, fragment))
+        y = dr.fma(parallax, v, dr.gather(jit.Float, self.y, fragment))
+        return _FromPoint(fragment, point, u, v, x, y)
 
 
-class _Seen(NamedTuple):
-    """Elements, points of the lens (u, v), and where in the grid these see those."""
+class _FromPoint(NamedTuple):
+    """Fragments, points (u, v) of the lens, and where (x, y) in the frame these see those."""
 
-    element: mi.UInt32
-    point: mi.UInt32
-    u: mi.Float
-    v: mi.Float
-    x: mi.Float
-    y: mi.Float
+    fragment: jit.UInt32
+    point: jit.UInt32
+    u: jit.Float
+    v: jit.Float
+    x: jit.Float
+    y: jit.Float
 
-    def place(self, width: int, size: int) -> mi.UInt32:
-        """The place in one picture of ``size`` squares for each point."""
-        row = mi.UInt32(self.y) * dr.opaque(mi.UInt32, width) + mi.UInt32(self.x)
-        return self.point * dr.opaque(mi.UInt32, size) + row
+    def place(self, frame: _Frame) -> jit.UInt32:
+        """Index in images of all points, one after the other."""
+        row = jit.UInt32(self.y) * dr.opaque(jit.UInt32, frame.width) + jit.UInt32(self.x)
+        return self.point * dr.opaque(jit.UInt32, frame.size) + row
 
 
-def _cover(covered: mi.Float, seen: _Seen, covers: _Covers, width: int, size: int) -> None:
-    """Add to ``covered`` what elements cover of the squares in which points see them."""
-    columns = {
-        name: dr.gather(mi.Float, values, seen.element) for name, values in covers.on_device.items()
-    }
-    place = seen.place(width, size)
-    end = dr.floor(seen.x + dr.fma(columns["right"], seen.u, columns["wide"]))
+def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
+    """Add to ``covered`` what fragments cover of the subpixels in which the points see them."""
+    columns = covers.on_device
+    share, right_end, below_end, wide, high = (
+        dr.gather(jit.Float, getattr(columns, field.name), seen.fragment)
+        for field in dataclasses.fields(columns)
+    )
+    place = seen.place(frame)
+    end = dr.floor(seen.x + dr.fma(right_end, seen.u, wide))
     right = end - dr.floor(seen.x) > 1
-    end = dr.floor(seen.y + dr.fma(columns["below"], seen.v, columns["high"]))
+    end = dr.floor(seen.y + dr.fma(below_end, seen.v, high))
     below = end - dr.floor(seen.y) > 1
-    down = dr.opaque(mi.UInt32, width)
+    down = dr.opaque(jit.UInt32, frame.width)
     for target, active in (
-        (place, mi.Bool(True)),
+        (place, jit.Bool(True)),
         (place + 1, right),
         (place + down, below),
         (place + down + 1, right & below),
     ):
-        dr.scatter_add(covered, columns["share"], target, active, mode=dr.ReduceMode.Direct)
-
-
-def _bins_of_a_step(behind: _Shifted) -> int:
-    """How many bins are looked at together, so that there are no more than ``MOST_STEPS`` steps."""
-    return max(1, -(-int(behind.bin.max(initial=0)) // MOST_STEPS))
+        dr.scatter_add(covered, share, target, active, mode=dr.ReduceMode.Direct)
 
 
 def _seen_from(
-    points: np.ndarray,
-    behind: _Shifted,
-    before: _Shifted,
-    covers: _Covers,
-    width: int,
-    height: int,
+    points: np.ndarray, behind: _Shifted, before: _Shifted, covers: _Covers, frame: _Frame
 ) -> np.ndarray:
-    """What each point sees of each element of ``behind``, uint8 (N, M)."""
-    count, size = len(points), width * height
+    """What each point sees of each fragment of ``behind``, uint8 (N, M).
+
+    From the nearest step to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
+    bins nearer than a step's are added to what is covered, then those of the step are looked up.
+    """
+    count = len(points)
     on_device = (
-        mi.Float(np.ascontiguousarray(points[:, 0])),
-        mi.Float(np.ascontiguousarray(points[:, 1])),
+        jit.Float(np.ascontiguousarray(points[:, 0])),
+        jit.Float(np.ascontiguousarray(points[:, 1])),
     )
-    covered = dr.zeros(mi.Float, size * count)
-    seen = dr.zeros(mi.UInt8, behind.count * count)
+    covered = dr.zeros(jit.Float, frame.size * count)
+    seen = dr.zeros(jit.UInt8, behind.count * count)
     if behind.count == 0:
         return np.array(seen).reshape(0, count)
-    last, width_of_step = int(behind.bin[-1]), _bins_of_a_step(behind)
-    added = MOST_BINS + 1
-    for bin_ in range(last - last % width_of_step, -1, -width_of_step):
-        nearer = before.part(range(bin_ + width_of_step - 1 + TOLERANCE, added))
-        added = bin_ + width_of_step - 1 + TOLERANCE
+    last, step = int(behind.bin[-1]), behind.bins_per_step
+    added = MAX_BINS + 1
+    for bin_ in range(last - last % step, -1, -step):
+        nearer = before.part(range(bin_ + step - 1 + SLANT_BINS, added))
+        added = bin_ + step - 1 + SLANT_BINS
         if nearer[0] < nearer[1]:
-            _cover(covered, before.seen(nearer, on_device), covers, width, size)
-        here = behind.part(range(bin_, bin_ + width_of_step))
+            _cover(covered, before.from_points(nearer, on_device), covers, frame)
+        here = behind.part(range(bin_, bin_ + step))
         if here[0] < here[1]:
-            place = behind.seen(here, on_device).place(width, size)
-            free = 1 - dr.minimum(dr.gather(mi.Float, covered, place), 1)
-            lane = dr.arange(mi.UInt32, (here[1] - here[0]) * count)
-            dr.scatter(seen, _as_byte(free), lane + dr.opaque(mi.UInt32, here[0] * count))
+            place = behind.from_points(here, on_device).place(frame)
+            free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)
+            lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
+            dr.scatter(seen, _as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
     return np.array(seen).reshape(behind.count, count)
 
 
-def _as_byte(share: mi.Float) -> mi.UInt8:
-    return mi.UInt8(mi.UInt32(dr.fma(share, 255, 0.5)))
+def _as_byte(share: jit.Float) -> jit.UInt8:
+    """A share from 0 to 1 as a whole number from 0 to 255."""
+    return jit.UInt8(jit.UInt32(dr.fma(share, 255, 0.5)))

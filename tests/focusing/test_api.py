@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import potmesil_mi as pm
-from potmesil_mi.focusing.api import reconstruct
+from potmesil_mi.focusing.film import reconstruct
 from scenes import overscanned, papers_scene, pinhole_mean, still_life, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

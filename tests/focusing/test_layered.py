@@ -12,7 +12,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
 from potmesil_mi.focusing import layered as layered_module
-from potmesil_mi.focusing.fragments import Elements
+from potmesil_mi.focusing.lens_view import LensView
 from potmesil_mi.optics.blur import radius_per_vergence
 from scenes import LENS, diffuse, overscanned, pinhole_mean, synthetic
 
@@ -38,19 +38,19 @@ def with_parallax(samples, scale, focus_distance=2.0):
     return samples.replace(lens=lens)
 
 
-def grid(size, per_pixel):
+def grid(size, subpixels):
     """Regular positions, (N,), in a film."""
-    width, height = (per_pixel * n for n in size)
+    width, height = (subpixels * n for n in size)
     y, x = np.divmod(np.arange(width * height), width)
-    return (x + 0.5) / per_pixel, (y + 0.5) / per_pixel
+    return (x + 0.5) / subpixels, (y + 0.5) / subpixels
 
 
-def planes(*shown, size, per_pixel=2):
+def planes(*shown, size, subpixels=2):
     """Samples of planes from the nearest to the farthest, each as (mask, depth, colour).
 
     Masks and colours are functions of x and y. Nothing is missing behind a nearer plane.
     """
-    x, y = grid(size, per_pixel)
+    x, y = grid(size, subpixels)
     before = np.zeros(len(x), dtype=np.uint8)
     parts = []
     for mask, depth, colour in shown:
@@ -63,7 +63,7 @@ def planes(*shown, size, per_pixel=2):
     names = ("x", "y", "z", "rgb", "layer", "surface")
     columns = dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True))
     count = len(columns["x"])
-    return synthetic(count, size=size, weight=np.full(count, per_pixel**-2.0), **columns)
+    return synthetic(count, size=size, weight=np.full(count, subpixels**-2.0), **columns)
 
 
 def everywhere(x, y):
@@ -77,7 +77,7 @@ def left_of(edge):
 def half_plane(size, parallax, focus_distance, near=RED, far=GREEN):
     """A near half plane, left, before a far plane; both known whole."""
     samples = planes(
-        (left_of(size[0] / 2), NEAR, near), (everywhere, FAR, far), size=size, per_pixel=4
+        (left_of(size[0] / 2), NEAR, near), (everywhere, FAR, far), size=size, subpixels=4
     )
     return with_parallax(samples, parallax / (1 / NEAR - 1 / FAR), focus_distance)
 
@@ -109,7 +109,7 @@ def test_a_disc_of_a_dim_point_is_where_the_point_is_however_coarse_its_squares(
         point = (np.floor(x) == at[0]) & (np.floor(y) == at[1])
         return (1 + 5 * point)[:, None] * np.ones(3)
 
-    samples = planes((everywhere, depth, lit), size=size, per_pixel=1)
+    samples = planes((everywhere, depth, lit), size=size, subpixels=1)
     samples = with_parallax(samples, radius / abs(1 / depth - 1 / 2))
     disc = picture(samples)[..., 1] - 1
     inner = np.hypot(*(np.indices(disc.shape) - np.array(at[::-1])[:, None, None])) < radius + 12
@@ -132,9 +132,9 @@ def test_a_point_becomes_a_disc_of_the_right_radius_and_light(method, depth, rad
         at_middle = (np.floor(x) == middle) & (np.floor(y) == middle)
         return at_middle[:, None] * np.array([100.0, 50.0, 0])
 
-    per_pixel = 2 if radius < 100 else 1
-    options = {"squares": 1} if per_pixel == 1 else {}
-    samples = planes((everywhere, depth, lit), size=(size, size), per_pixel=per_pixel)
+    subpixels = 2 if radius < 100 else 1
+    options = {"squares": 1} if subpixels == 1 else {}
+    samples = planes((everywhere, depth, lit), size=(size, size), subpixels=subpixels)
     samples = with_parallax(samples, radius / abs(1 / depth - 1 / 2))
     image = picture(samples, method=method, **options)
     light = image.sum(axis=(0, 1))
@@ -238,19 +238,19 @@ def test_a_hidden_light_that_no_point_of_the_lens_sees_changes_nothing(method):
 )
 def test_an_opaque_plane_that_is_sampled_at_random_lets_no_light_through(method):
     plane = (everywhere, 1 / 0.6, np.zeros(3))
-    samples = planes(plane, (everywhere, FAR, np.ones(3)), size=(64, 48), per_pixel=4)
+    samples = planes(plane, (everywhere, FAR, np.ones(3)), size=(64, 48), subpixels=4)
     jitter = np.random.default_rng(0).uniform(0, 1, (2, len(samples)))
     samples = samples.replace(x=np.floor(samples.x) + jitter[0], y=np.floor(samples.y) + jitter[1])
     image = picture(with_parallax(samples, 20.0, 1 / 0.6), method=method)
     assert image[12:-12, 12:-12].mean() < 0.01
 
 
-def seen_through_planes(shown, size, circles, lens_points=3000, per_pixel=3):
+def seen_through_planes(shown, size, circles, lens_points=3000, subpixels=3):
     """The picture of planes ray by ray, each as (mask, colour), from the nearest.
 
     ``circles`` are the signed radii of the planes' circles of confusion in pixels.
     """
-    x, y = grid(size, per_pixel)
+    x, y = grid(size, subpixels)
     k = np.arange(lens_points) + 0.5
     radius, angle = np.sqrt(k / lens_points), k * 2.399963
     total = np.zeros((len(x), 3))
@@ -261,7 +261,7 @@ def seen_through_planes(shown, size, circles, lens_points=3000, per_pixel=3):
             hit = free & mask(px, py)
             total[hit] += colour(px[hit], py[hit])
             free &= ~hit
-    shape = size[1], per_pixel, size[0], per_pixel, 3
+    shape = size[1], subpixels, size[0], subpixels, 3
     return (total / lens_points).reshape(shape).mean(axis=(1, 3))
 
 
@@ -284,7 +284,7 @@ def test_three_planes_look_as_if_traced_ray_by_ray(method, least, focus_distance
     colours = colour(0.3, 0.2, 0.1), colour(0.9, 0.5, 0.4), colour(0.5, 1.1, 0.7)
     masks, depths = (disc, bar, everywhere), (1.0, 1.7, 4.0)
     scale = 7.0
-    samples = planes(*zip(masks, depths, colours, strict=True), size=size, per_pixel=4)
+    samples = planes(*zip(masks, depths, colours, strict=True), size=size, subpixels=4)
     samples = with_parallax(samples, scale, focus_distance)
     circles = [scale * (1 / z - 1 / focus_distance) for z in depths]
     shown = list(zip(masks, colours, strict=True))
@@ -333,30 +333,30 @@ def test_light_from_beyond_the_window_is_added(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_refocusing_finds_visibility_only_once(method, monkeypatch):
-    calls = {"elements": 0, "layers": 0}
-    gather, see = Elements.of.__func__, layered_module.Layers.of.__func__
+    calls = {"gathered": 0, "seen": 0}
+    gather, see = layered_module.gather, LensView.of.__func__
 
-    def counting_gather(cls, *arguments, **options):
-        calls["elements"] += 1
-        return gather(cls, *arguments, **options)
+    def counting_gather(*arguments, **options):
+        calls["gathered"] += 1
+        return gather(*arguments, **options)
 
     def counting_see(cls, *arguments, **options):
-        calls["layers"] += 1
+        calls["seen"] += 1
         return see(cls, *arguments, **options)
 
-    monkeypatch.setattr(Elements, "of", classmethod(counting_gather))
-    monkeypatch.setattr(layered_module.Layers, "of", classmethod(counting_see))
+    monkeypatch.setattr(layered_module, "gather", counting_gather)
+    monkeypatch.setattr(LensView, "of", classmethod(counting_see))
     samples = with_parallax(overscanned(), 8.0)
     images = [
         picture(samples, lens=samples.lens.replace(focus_distance=u), method=method)
         for u in (1.0, 2.0, 4.0, 1.0)
     ]
-    assert calls == {"elements": 1, "layers": 1}
+    assert calls == {"gathered": 1, "seen": 1}
     np.testing.assert_allclose(images[0], images[3], atol=1e-6)
     assert np.abs(images[0] - images[2]).max() > 0.01
     # Another aperture has to look anew.
     picture(samples, lens=samples.lens.replace(aperture_radius=0.5), method=method)
-    assert calls["layers"] == 2
+    assert calls["seen"] == 2
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -378,18 +378,6 @@ def test_what_was_kept_of_one_question_does_not_answer_another(method):
     for question in questions:
         image = picture(samples, method=method, **question)
         np.testing.assert_allclose(image, fresh(**question), atol=1e-6)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_only_the_last_apertures_are_kept(method):
-    samples = synthetic(500)
-    apertures = [samples.lens.replace(f_number=n) for n in (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)]
-    first = picture(samples, lens=apertures[0], method=method)
-    for lens in apertures:
-        picture(samples, lens=lens, method=method)
-    kept = layered_module._kept[samples].layers
-    assert len(kept) == layered_module.MOST_KEPT
-    np.testing.assert_allclose(picture(samples, lens=apertures[0], method=method), first, atol=1e-5)
 
 
 @pytest.mark.parametrize("method", METHODS)

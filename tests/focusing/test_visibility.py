@@ -6,9 +6,9 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.focusing import visibility as visibility_module
-from potmesil_mi.focusing.fragments import Elements
-from potmesil_mi.focusing.visibility import visibility, visibility_of_few
-from potmesil_mi.optics.psf import lens_points
+from potmesil_mi.focusing.fragments import gather
+from potmesil_mi.focusing.visibility import visibility, visibility_of_highlights
+from potmesil_mi.optics.disc import lens_points
 from scenes import synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -49,11 +49,11 @@ def half_plane():
     return planes((left, 1.0), (everywhere, 4.0))
 
 
-def analytic(elements, points, parallax):
-    """Whether points see elements behind the half plane, and how far the edge is from the way."""
-    x = elements.x[:, None] + 0.5 - parallax * points[:, 0]
-    y = elements.y[:, None] + 0.5 - parallax * points[:, 1]
-    inside = (x > 1) & (y > 1) & (x < elements.width - 1) & (y < elements.height - 1)
+def analytic(fragments, points, parallax):
+    """Whether points see fragments behind the half plane, and how far the edge is from the way."""
+    x = fragments.x[:, None] + 0.5 - parallax * points[:, 0]
+    y = fragments.y[:, None] + 0.5 - parallax * points[:, 1]
+    inside = (x > 1) & (y > 1) & (x < fragments.width - 1) & (y < fragments.height - 1)
     return x > EDGE, np.abs(x - EDGE), inside
 
 
@@ -72,12 +72,12 @@ def test_points_on_the_lens_are_spread_like_a_disc(count):
 
 
 def test_turned_points_are_spread_like_a_disc_too():
-    elements = Elements.of(planes((everywhere, 2.0)), 1, 1.0)
+    fragments = gather(planes((everywhere, 2.0)), 1, 1.0)
     points = lens_points(16)
-    turns = visibility_module.Turns(elements)
-    lane = np.arange(len(elements) * 16)
-    u, v = turns.points(
-        *(mi.Float(np.tile(column, len(elements)).astype(np.float32)) for column in points.T),
+    jitter = visibility_module.Jitter(fragments)
+    lane = np.arange(len(fragments) * 16)
+    u, v = jitter.moved(
+        *(mi.Float(np.tile(column, len(fragments)).astype(np.float32)) for column in points.T),
         mi.UInt32(lane % 16),
         mi.UInt32(lane // 16),
     )
@@ -85,7 +85,7 @@ def test_turned_points_are_spread_like_a_disc_too():
     assert np.hypot(u, v).max() <= 1 + 1e-6
     np.testing.assert_allclose([np.mean(u**2), np.mean(v**2)], 0.25, atol=0.005)
     np.testing.assert_allclose([np.mean(u), np.mean(v)], 0, atol=0.005)
-    assert len(np.unique(u[:, 0])) > 0.9 * len(elements), "each element has its own"
+    assert len(np.unique(u[:, 0])) > 0.9 * len(fragments), "each fragment has its own"
 
 
 # ---------------------------------------------------------------- what points see
@@ -94,10 +94,10 @@ def test_turned_points_are_spread_like_a_disc_too():
 @pytest.mark.parametrize("parallax", [2.0, 5.0, 11.0])
 def test_behind_a_half_plane_points_see_what_geometry_lets_them(half_plane, parallax):
     scale = parallax / (1 - 1 / 4)
-    elements = Elements.of(half_plane, 1, scale)
+    fragments = gather(half_plane, 1, scale)
     points = lens_points(64)
-    coverable, seen = visibility(elements, scale, points)
-    behind = elements.chosen(coverable)
+    coverable, seen = visibility(fragments, scale, points)
+    behind = fragments.chosen(coverable)
     np.testing.assert_allclose(behind.vergence, 1 / 4)
     expected, from_edge, inside = analytic(behind, points, parallax)
     clear = inside & (from_edge > 1)
@@ -106,7 +106,9 @@ def test_behind_a_half_plane_points_see_what_geometry_lets_them(half_plane, para
     shift = (seen[inside] / 255 - expected[inside]).sum() / (from_edge[inside] < 0.5).sum()
     assert abs(shift) < 0.2
     # What is too far from the edge to be covered is not asked for.
-    assert not coverable[(elements.vergence < 0.5) & (elements.x > EDGE + 1.5 * parallax + 4)].any()
+    assert not coverable[
+        (fragments.vergence < 0.5) & (fragments.x > EDGE + 1.5 * parallax + 4)
+    ].any()
 
 
 def slanted(stretch, direction, per_side, seed=0):
@@ -136,13 +138,13 @@ def slanted(stretch, direction, per_side, seed=0):
 
 @pytest.mark.parametrize("direction", [(0, 1), (1, 0), (0.7, 0.7), (0.3, -0.95)])
 @pytest.mark.parametrize("stretch", [0.05, 0.1, 0.2])
-@pytest.mark.parametrize(("per_side", "per_pixel"), [(4, 1), (4, 2), (2, 1)])
-def test_nothing_shines_through_a_slanted_plane(direction, stretch, per_side, per_pixel):
+@pytest.mark.parametrize(("per_side", "subpixels"), [(4, 1), (4, 2), (2, 1)])
+def test_nothing_shines_through_a_slanted_plane(direction, stretch, per_side, subpixels):
     samples, scale = slanted(stretch, direction, per_side)
-    elements = Elements.of(samples, per_pixel, scale * per_pixel)
-    coverable, seen = visibility(elements, scale * per_pixel, lens_points(32))
-    behind = elements.chosen(coverable)
-    margin = per_pixel * min(math.ceil(scale), min(SIZE) // 2 - 2)
+    fragments = gather(samples, subpixels, scale * subpixels)
+    coverable, seen = visibility(fragments, scale * subpixels, lens_points(32))
+    behind = fragments.chosen(coverable)
+    margin = subpixels * min(math.ceil(scale), min(SIZE) // 2 - 2)
     inside = behind.vergence < 0.13
     inside &= (behind.x >= margin) & (behind.x < behind.width - margin)
     inside &= (behind.y >= margin) & (behind.y < behind.height - margin)
@@ -164,9 +166,9 @@ def test_where_chance_puts_no_sample_in_a_square_nothing_shines_through():
         layer=np.repeat([0, 1], count),
     )
     scale = 6.0 * 8 / 7
-    elements = Elements.of(samples, 2, 2 * scale)
-    coverable, seen = visibility(elements, 2 * scale, lens_points(32))
-    behind = elements.chosen(coverable)
+    fragments = gather(samples, 2, 2 * scale)
+    coverable, seen = visibility(fragments, 2 * scale, lens_points(32))
+    behind = fragments.chosen(coverable)
     inside = (behind.vergence < 0.5) & (np.abs(behind.x - SIZE[0]) < SIZE[0] - 16)
     inside &= np.abs(behind.y - SIZE[1]) < SIZE[1] - 16
     # A third of the squares is empty; left is where several together are.
@@ -175,32 +177,32 @@ def test_where_chance_puts_no_sample_in_a_square_nothing_shines_through():
 
 
 def test_nothing_hides_what_is_nearest(half_plane):
-    elements = Elements.of(half_plane, 1, 10.0)
-    coverable, _ = visibility(elements, 10.0, lens_points(16))
-    assert not coverable[elements.vergence > 0.5].any()
+    fragments = gather(half_plane, 1, 10.0)
+    coverable, _ = visibility(fragments, 10.0, lens_points(16))
+    assert not coverable[fragments.vergence > 0.5].any()
 
 
 def test_the_order_of_the_lens_points_is_that_of_the_columns(half_plane):
-    elements = Elements.of(half_plane, 1, 10.0)
+    fragments = gather(half_plane, 1, 10.0)
     points = lens_points(16)
-    coverable, seen = visibility(elements, 10.0, points)
+    coverable, seen = visibility(fragments, 10.0, points)
     order = np.random.default_rng(0).permutation(16)
-    again = visibility(elements, 10.0, points[order])
+    again = visibility(fragments, 10.0, points[order])
     np.testing.assert_array_equal(again[0], coverable)
     np.testing.assert_array_equal(again[1], seen[:, order])
 
 
 def test_few_points_at_a_time_see_the_same(half_plane, monkeypatch):
-    elements = Elements.of(half_plane, 1, 10.0)
+    fragments = gather(half_plane, 1, 10.0)
     points = lens_points(16)
-    _, seen = visibility(elements, 10.0, points)
-    monkeypatch.setattr(visibility_module, "MEMORY", 3 * 80 * 60)
-    np.testing.assert_array_equal(visibility(elements, 10.0, points)[1], seen)
+    _, seen = visibility(fragments, 10.0, points)
+    monkeypatch.setattr(visibility_module, "MAX_COVERED", 3 * 80 * 60)
+    np.testing.assert_array_equal(visibility(fragments, 10.0, points)[1], seen)
 
 
 def test_a_flat_picture_covers_nothing_of_itself():
-    elements = Elements.of(planes((everywhere, 2.0)), 1, 100.0)
-    coverable, seen = visibility(elements, 100.0, lens_points(16))
+    fragments = gather(planes((everywhere, 2.0)), 1, 100.0)
+    coverable, seen = visibility(fragments, 100.0, lens_points(16))
     assert not coverable.any()
     assert seen.shape == (0, 16)
 
@@ -210,9 +212,9 @@ def test_a_slanted_surface_does_not_cover_itself(slope, least):
     flat = planes((everywhere, 2.0))
     # From pixel to pixel the circle's radius changes by so much.
     vergence = 0.25 + slope * flat.x / 40
-    elements = Elements.of(flat.replace(z=1 / vergence), 1, 40.0)
-    coverable, seen = visibility(elements, 40.0, lens_points(32))
-    share = np.ones((len(elements), 32))
+    fragments = gather(flat.replace(z=1 / vergence), 1, 40.0)
+    coverable, seen = visibility(fragments, 40.0, lens_points(32))
+    share = np.ones((len(fragments), 32))
     share[coverable] = seen / 255
     assert share.mean() >= least
 
@@ -222,9 +224,9 @@ def test_half_transparent_edges_let_half_through():
     near = mask.z == 1
     both = near | (mask.layer > 0)
     half = mask.replace(weight=np.where(both, 0.5, 1.0), layer=np.zeros(len(mask)))
-    elements = Elements.of(half, 1, 10.0)
-    coverable, seen = visibility(elements, 10.0, lens_points(64))
-    values = seen[elements.chosen(coverable).x > 8]
+    fragments = gather(half, 1, 10.0)
+    coverable, seen = visibility(fragments, 10.0, lens_points(64))
+    values = seen[fragments.chosen(coverable).x > 8]
     # A point's ways are a square apart, or two ways meet in one.
     assert np.isin(values, (0, 127, 128, 255)).all()
     assert np.isin(values, (127, 128)).mean() > 0.3
@@ -236,10 +238,10 @@ def test_a_third_plane_is_covered_by_both_before_it():
 
     samples = planes((left, 1.0), (right, 2.0), (everywhere, 4.0))
     scale = 12.0
-    elements = Elements.of(samples, 1, scale)
+    fragments = gather(samples, 1, scale)
     points = lens_points(64)
-    coverable, seen = visibility(elements, scale, points)
-    behind = elements.chosen(coverable)
+    coverable, seen = visibility(fragments, scale, points)
+    behind = fragments.chosen(coverable)
     far = behind.vergence < 0.3
     # Between the nearer ones a gap opens to the points on one side.
     x = behind.x[far][:, None] + 0.5
@@ -256,9 +258,9 @@ def test_a_third_plane_is_covered_by_both_before_it():
 def test_what_is_close_behind_the_first_surface_is_seen_from_nowhere():
     close = 1 / (1 / 2 - 0.3 * 1 / 10)
     samples = planes((left, 2.0), (everywhere, close))
-    elements = Elements.of(samples, 1, 10.0)
-    coverable, seen = visibility(elements, 10.0, lens_points(16))
-    hidden = elements.front[coverable] > 0
+    fragments = gather(samples, 1, 10.0)
+    coverable, seen = visibility(fragments, 10.0, lens_points(16))
+    hidden = fragments.gap_in_front[coverable] > 0
     assert hidden.sum() == EDGE * SIZE[1]
     assert not seen[hidden].any()
 
@@ -266,45 +268,45 @@ def test_what_is_close_behind_the_first_surface_is_seen_from_nowhere():
 # ---------------------------------------------------------------- ways followed one by one
 
 
-def as_they_are(self, u, v, point, element):
+def as_they_are(self, u, v, point, fragment):
     return u, v
 
 
 @pytest.mark.parametrize("parallax", [3.0, 11.0])
 def test_both_ways_to_find_visibility_agree(half_plane, parallax, monkeypatch):
-    monkeypatch.setattr(visibility_module.Turns, "points", as_they_are)
+    monkeypatch.setattr(visibility_module.Jitter, "moved", as_they_are)
     scale = parallax / (1 - 1 / 4)
-    elements = Elements.of(half_plane, 1, scale)
+    fragments = gather(half_plane, 1, scale)
     points = lens_points(64)
-    coverable, seen = visibility(elements, scale, points)
-    few = elements.chosen(coverable)
-    also = visibility_of_few(elements, few, scale, points)
+    coverable, seen = visibility(fragments, scale, points)
+    highlights = fragments.chosen(coverable)
+    also = visibility_of_highlights(fragments, highlights, scale, points)
     assert also.shape == seen.shape
-    expected, from_edge, inside = analytic(few, points, parallax)
+    expected, from_edge, inside = analytic(highlights, points, parallax)
     clear = inside & (from_edge > 1.5)
     np.testing.assert_array_equal(also[clear], np.where(expected, 255, 0)[clear])
     assert np.mean(also[inside] != seen[inside]) < 0.04
     assert abs(also[inside].mean() - seen[inside].mean()) < 3
 
 
-def test_few_elements_are_seen_as_by_points_of_their_own(half_plane):
+def test_few_fragments_are_seen_as_by_points_of_their_own(half_plane):
     scale, parallax = 40 / 3, 10.0
-    elements = Elements.of(half_plane, 1, scale)
-    few = elements.chosen((elements.vergence < 0.5) & (np.abs(elements.x - EDGE) < 12))
-    seen = visibility_of_few(elements, few, scale, lens_points(256))
+    fragments = gather(half_plane, 1, scale)
+    highlights = fragments.chosen((fragments.vergence < 0.5) & (np.abs(fragments.x - EDGE) < 12))
+    seen = visibility_of_highlights(fragments, highlights, scale, lens_points(256))
     # The part of the lens that sees past the edge: that of a disc beyond a chord.
-    t = np.clip((few.x + 0.5 - EDGE) / parallax, -1, 1)
+    t = np.clip((highlights.x + 0.5 - EDGE) / parallax, -1, 1)
     expected = (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi + 0.5
-    inner = (few.y > 12) & (few.y < SIZE[1] - 12)
+    inner = (highlights.y > 12) & (highlights.y < SIZE[1] - 12)
     difference = seen.mean(axis=1)[inner] / 255 - expected[inner]
     assert np.abs(difference).max() < 0.05
     assert np.abs(difference).mean() < 0.02
 
 
-def test_of_no_elements_nothing_is_asked(half_plane):
-    elements = Elements.of(half_plane, 1, 10.0)
-    none = elements.chosen(np.zeros(len(elements), dtype=bool))
-    assert visibility_of_few(elements, none, 10.0, lens_points(16)).shape == (0, 16)
+def test_of_no_fragments_nothing_is_asked(half_plane):
+    fragments = gather(half_plane, 1, 10.0)
+    none = fragments.chosen(np.zeros(len(fragments), dtype=bool))
+    assert visibility_of_highlights(fragments, none, 10.0, lens_points(16)).shape == (0, 16)
 
 
 def test_the_pinhole_of_a_closed_lens_sees_what_the_samples_show():

@@ -1,0 +1,166 @@
+"""Compositing: slices of a picture are put behind each other, from the nearest to the farthest.
+
+A slice gets no more of a subpixel than those before it have left of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..samples.raster import Window
+from .convolve import ROWS
+from .fragments import SHARE
+
+FAINTEST = 1e-5
+"""Share of a subpixel below which nothing is told from the rounding of the transforms."""
+
+
+class SpreadSlice(NamedTuple):
+    """The light of a depth slice after it was spread.
+
+    ``light`` is float32 (H, W, C), RGB, share and perhaps alpha, on pixels ``resolution``
+    subpixels wide, of which ``left`` and ``top`` are the first.
+    """
+
+    light: np.ndarray
+    left: int
+    top: int
+    resolution: int
+
+
+class Compositor:
+    """A picture that is formed from the nearest slice to the farthest.
+
+    ``crop`` is what the picture shows, in subpixels of the samples' window; ``channels`` are R, G,
+    B, the share of what is covered, and perhaps alpha.
+    """
+
+    def __init__(self, crop: Window, channels: int) -> None:
+        self.crop = crop
+        # What is covered adds up in the column of shares.
+        self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
+        self.arrived = np.zeros(crop.shape, dtype=np.float32)
+
+    def put_behind(self, slices: Sequence[SpreadSlice]) -> None:
+        """Put the light of slices that are at about one depth where there is still room for it."""
+        parts = [_Overlap.of(each, self.crop) for each in slices]
+        parts = [part for part in parts if not part.place.is_empty]
+        if not parts:
+            return
+        left, top = min(part.place.left for part in parts), min(part.place.top for part in parts)
+        right = max(part.place.right for part in parts)
+        bottom = max(part.place.bottom for part in parts)
+        for start in range(top, bottom, ROWS):
+            rows = Window(left, start, right - left, min(start + ROWS, bottom) - start)
+            if len(parts) == 1:
+                light = parts[0].rows(rows.top, rows.bottom)
+            else:
+                light = self._sum(parts, rows)
+            self._admit(light, rows)
+
+    def _sum(self, parts: Sequence[_Overlap], rows: Window) -> np.ndarray:
+        """The light of several parts in some rows, float32 (H, W, C)."""
+        light = np.zeros((*rows.shape, self.total.shape[-1]), np.float32)
+        for part in parts:
+            first, end = max(rows.top, part.place.top), min(rows.bottom, part.place.bottom)
+            if first < end:
+                there = Window(part.place.left, first, part.place.width, end - first)
+                light[there.slices_in(rows)] += part.rows(first, end)
+        return light
+
+    def _admit(self, light: np.ndarray, rows: Window) -> None:
+        """Add the part of ``light``, which becomes that part, for which there is room."""
+        place = rows.slices_in(Window(0, 0, *self.arrived.shape[::-1]))
+        np.maximum(light, 0, out=light)
+        nearer, share = self.total[place], light[..., SHARE]
+        self.arrived[place] += share
+        admitted = (1 - nearer[..., SHARE]) / np.maximum(share, FAINTEST)
+        np.clip(admitted, 0, 1, out=admitted)
+        admitted[share <= FAINTEST] = 0
+        light *= admitted[..., None]
+        nearer += light
+
+    def finished(self) -> tuple[np.ndarray, np.ndarray]:
+        """The picture, float32 (H, W, 3 or 4), and the light that reached each subpixel, (H, W)."""
+        colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
+        picture = np.empty((*self.arrived.shape, len(colours)), dtype=np.float32)
+        for start in range(0, len(picture), ROWS):
+            rows = slice(start, start + ROWS)
+            covered = self.total[rows, :, SHARE]
+            lit = covered > FAINTEST
+            self.arrived[rows][~lit], covered[~lit] = 0, np.inf
+            for to, of in enumerate(colours):
+                np.divide(self.total[rows, :, of], covered, out=picture[rows, :, to])
+        return picture, self.arrived
+
+
+@dataclasses.dataclass(frozen=True)
+class _Overlap:
+    """The part of a slice that lies in the crop.
+
+    ``place`` is where it lies, in subpixels of the crop; ``column`` and ``row`` are where it begins
+    in ``light``, whose pixels are 1 or 2 (then ``resolution``) subpixels wide.
+    """
+
+    light: np.ndarray
+    resolution: int
+    column: int
+    row: int
+    place: Window
+
+    @classmethod
+    def of(cls, spread: SpreadSlice, crop: Window) -> _Overlap:
+        light, factor = spread.light, spread.resolution
+        needed: list[slice] = []
+        parts: list[tuple[int, int, int]] = []
+        for first, count, start, size in (
+            (spread.left, light.shape[1], crop.left, crop.width),
+            (spread.top, light.shape[0], crop.top, crop.height),
+        ):
+            begin = max(first * factor, start)
+            end = max(min((first + count) * factor, start + size), begin)
+            # One pixel more on each side to interpolate with.
+            needed.append(slice(max(begin // factor - first - 1, 0), -(-end // factor) - first + 1))
+            parts.append((begin - (needed[-1].start + first) * factor, begin - start, end - begin))
+        (column, across, width), (row, down, height) = parts
+        light = light[needed[1], needed[0]]
+        while factor > 2 and light.size:
+            light = _doubled(_doubled(light, 0), 1)
+            factor //= 2
+        return cls(light, factor, column, row, Window(across, down, width, height))
+
+    def rows(self, start: int, end: int) -> np.ndarray:
+        """Rows ``start`` to ``end`` of the crop, with no more than the columns of the overlap.
+
+        Between the middles of larger pixels they are interpolated linearly.
+        """
+        columns = slice(self.column, self.column + self.place.width)
+        start, end = start - self.place.top + self.row, end - self.place.top + self.row
+        if self.resolution == 1:
+            return self.light[start:end, columns]
+        first = max(start // 2 - 1, 0)
+        rows = self.light[first : (end + 1) // 2 + 1]
+        return _doubled(_doubled(rows, 0)[start - 2 * first : end - 2 * first], 1)[:, columns]
+
+
+def _doubled(image: np.ndarray, axis: int) -> np.ndarray:
+    """Twice as many pixels along an axis, 0 or 1, interpolated linearly between their middles."""
+    quarter = np.moveaxis(image * image.dtype.type(0.25), axis, 0)
+    even = image * image.dtype.type(0.75)
+    odd = even.copy()
+    first, second = np.moveaxis(even, axis, 0), np.moveaxis(odd, axis, 0)
+    first[1:] += quarter[:-1]
+    first[:1] += quarter[:1]
+    second[:-1] += quarter[1:]
+    second[-1:] += quarter[-1:]
+    # Pixels are moved faster whole than by channel.
+    pixel = np.dtype((np.void, image.itemsize * image.shape[-1]))
+    result = np.empty([size * (1 + (i == axis)) for i, size in enumerate(image.shape)], image.dtype)
+    places = np.moveaxis(result.view(pixel), axis, 0)
+    places[0::2] = np.moveaxis(even.view(pixel), axis, 0)
+    places[1::2] = np.moveaxis(odd.view(pixel), axis, 0)
+    return result

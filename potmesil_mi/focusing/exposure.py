@@ -1,0 +1,50 @@
+"""One picture that is to be formed: of which samples, by which lens, on which raster."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ..optics.blur import Blur
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction
+from ..samples.point_samples import PointSamples
+from ..samples.raster import Window
+
+
+@dataclasses.dataclass(frozen=True)
+class Exposure:
+    """What a method forms a picture of.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``samples``                   point samples
+    ``lens``                      a lens of plain numbers, in the samples' scene units
+    ``psf``                       how the light of a point is spread: one channel's
+    ``subpixels``                 on a side of a pixel
+    ``alpha``                     whether the picture has alpha besides RGB
+    ============================  ==========================================================
+    """
+
+    samples: PointSamples
+    lens: ThinLens
+    psf: PointSpreadFunction
+    subpixels: int
+    alpha: bool
+
+    @property
+    def blur(self) -> Blur:
+        """The blur of the lens in subpixels."""
+        return Blur.of(self.lens, self.samples.camera).finer(self.subpixels)
+
+    @property
+    def subpixels_per_mm(self) -> float:
+        """Subpixels in a millimetre of film."""
+        focal_length = self.samples.camera.focal_length_pixels
+        return focal_length * self.subpixels / self.lens.film_distance
+
+    @property
+    def crop(self) -> Window:
+        """What the picture shows, in subpixels of the samples' window."""
+        crop = self.samples.crop_window.relative_to(self.samples.window)
+        return crop.subdivided(self.subpixels)

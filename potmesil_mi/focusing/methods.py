@@ -1,0 +1,215 @@
+"""Methods: how a picture is formed. One family of frozen dataclasses and of texts."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from .._spec import Spec
+from .._validation import require_whole
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction, aperture_behind
+from ..samples.point_samples import PointSamples
+from . import equation20, layered
+from .exposure import Exposure
+from .memo import Memo
+
+MethodName = Literal["layered", "lightfield", "paper"]
+"""The names of the package's own methods."""
+
+MAX_LENS_POINTS = 4096
+MAX_TABLES = 10_000
+MAX_SQUARES = 16
+
+PAPERS_TABLES = 73
+"""Tables in the paper's own run."""
+
+VIGNETTING_LENS_POINTS = 128
+"""Lens points, at least, with vignetting: what the rim of the lens cuts is all formed by points."""
+
+DIFFRACTION_SQUARES = 2
+"""Subpixels on a side of a pixel where light diffracts."""
+
+
+class Method(Spec, family="method"):
+    """How a picture is formed.
+
+    A method of one's own is a frozen dataclass with a ``name`` and :meth:`form`.
+    """
+
+    squares: int | None = None
+    """Subpixels on a side of a pixel; ``None`` for :meth:`default_squares`."""
+
+    def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
+        """The picture of ``exposure`` on subpixels, and what each of them counts in its pixel.
+
+        Returns float (height, width, 3 or 4) of the crop window in subpixels, linear RGB and
+        alpha if it was asked for, and float (height, width). ``memo`` keeps what was found out.
+        """
+        raise NotImplementedError
+
+    def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
+        """Subpixels on a side of a pixel, unless ``squares`` says it."""
+        return 1
+
+    def check(self, lens: ThinLens) -> None:
+        """Raise ``ValueError`` for a lens with which the method can form no picture."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Visible(Method):
+    """Methods that know what hides what."""
+
+    lens_points: int | None = None
+    squares: int | None = None
+
+    usual_lens_points: ClassVar[int]
+    usual_squares: ClassVar[int]
+    exact: ClassVar[bool]
+
+    def __post_init__(self) -> None:
+        if self.lens_points is not None:
+            require_whole("lens_points", self.lens_points, 1, MAX_LENS_POINTS)
+        _check_squares(self.squares)
+
+    def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`Method.form`."""
+        points = self.lens_points
+        if points is None:
+            least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
+            points = max(self.usual_lens_points, least)
+        return layered.form(exposure, memo, layered.Visibility(points, self.exact))
+
+    def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
+        """See :meth:`Method.default_squares`: no more than there are samples."""
+        diffracts = aperture_behind(psf).diffracts
+        squares = DIFFRACTION_SQUARES if diffracts else self.usual_squares
+        # Subpixels without a sample show nothing.
+        return max(1, min(squares, math.isqrt(len(samples) // samples.window.size)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Layered(_Visible):
+    """What is visible through the lens, formed quickly.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``lens_points``               points of the lens from which visibility is found, 1 to 4096
+                                  (default 32, with vignetting 128)
+    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1, with
+                                  diffraction 2)
+    ============================  ==========================================================
+    """
+
+    name: ClassVar[str] = "layered"
+    usual_lens_points: ClassVar[int] = 32
+    usual_squares: ClassVar[int] = 1
+    exact: ClassVar[bool] = False
+
+
+@dataclasses.dataclass(frozen=True)
+class LightField(_Visible):
+    """What is visible through the lens, with more lens points on a finer raster: to be trusted.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``lens_points``               points of the lens from which visibility is found, 1 to 4096
+                                  (default 128)
+    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 2, but 1
+                                  where there are less than 4 samples a pixel)
+    ============================  ==========================================================
+    """
+
+    name: ClassVar[str] = "lightfield"
+    usual_lens_points: ClassVar[int] = 128
+    usual_squares: ClassVar[int] = 2
+    exact: ClassVar[bool] = True
+
+
+@dataclasses.dataclass(frozen=True)
+class Equation20(Method):
+    """Equation 20 of the paper as printed, which knows no occlusion.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``tables``                    depths, equally spaced from the nearest to the farthest
+                                  sample, with a table each; 2 to 10000 (default 73, the
+                                  paper's)
+    ``inverse_square``            light falls off as 1/z^2 (default, the paper's); a
+                                  ray-traced lens does without
+    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 2)
+    ============================  ==========================================================
+    """
+
+    tables: int = PAPERS_TABLES
+    inverse_square: bool = True
+    squares: int | None = None
+
+    name: ClassVar[str] = "paper"
+
+    def __post_init__(self) -> None:
+        require_whole("tables", self.tables, 2, MAX_TABLES)
+        if not isinstance(self.inverse_square, (bool, np.bool_)):
+            raise TypeError(f"inverse_square={self.inverse_square!r}: must be True or False")
+        _check_squares(self.squares)
+
+    def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`Method.form`; nothing is kept."""
+        return equation20.form(exposure, self.tables, bool(self.inverse_square))
+
+    def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
+        """See :meth:`Method.default_squares`: as many as the paper's."""
+        return 2
+
+    def check(self, lens: ThinLens) -> None:
+        """See :meth:`Method.check`: the tables are the same all over the picture."""
+        if lens.vignetting > 0:
+            raise ValueError(
+                f"vignetting={lens.vignetting}: must be 0 for the method paper, whose tables are "
+                "the same all over the picture"
+            )
+
+
+def method_of(
+    method: Method | str,
+    *,
+    lens_points: int | None = None,
+    tables: int | None = None,
+    inverse_square: bool | None = None,
+    squares: int | None = None,
+) -> Method:
+    """The method of a name, a text such as ``layered:lens_points=64``, or itself.
+
+    Options that are given replace its own; those that it does not have are checked and ignored.
+    Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    """
+    method = Method.parse(method)
+    options = {
+        "lens_points": lens_points,
+        "tables": tables,
+        "inverse_square": inverse_square,
+        "squares": squares,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    for kind in (Layered, Equation20):
+        kind(**_of(kind, given))
+    changed: Any = method
+    return dataclasses.replace(changed, **_of(type(method), given)) if given else method
+
+
+def _of(kind: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that a method has."""
+    names = {field.name for field in dataclasses.fields(kind)}
+    return {name: value for name, value in options.items() if name in names}
+
+
+def _check_squares(squares: int | None) -> None:
+    if squares is not None:
+        require_whole("squares", squares, 1, MAX_SQUARES)

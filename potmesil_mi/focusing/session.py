@@ -1,0 +1,158 @@
+"""A session: samples, a method, and what has been found out about them for every focus."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .. import _backend as jit
+from ..filters.base import FilterFunction, apply_filters, as_filters
+from ..optics.aperture import Aperture
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction
+from ..samples.point_samples import PointSamples
+from .exposure import Exposure
+from .film import ReconstructionFilter, reconstruct
+from .memo import MAX_BYTES, Memo
+from .methods import Method, MethodName
+
+_memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
+"""What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
+
+
+class FocusSession:
+    """Pictures through any lens of the same samples, by one method.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``samples``                   point samples
+    ``method``                    ``layered`` (default), ``lightfield`` or ``paper``; or a
+                                  :class:`potmesil_mi.Layered`, ``LightField`` or
+                                  ``Equation20`` with its options, or a method of one's own
+    ``max_bytes``                 bound of what is kept, >= 0, in bytes (default 2 GiB); what
+                                  the last focus used is kept whatever it takes
+    ============================  ==========================================================
+
+    What depends on the samples and the aperture alone is found out at the first focus and kept
+    for the next. A call that is refused changes nothing. Several threads may use one session, and
+    sessions of one or of several samples, at once: pictures are formed one after the other, each
+    by all processors. Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    """
+
+    def __init__(
+        self,
+        samples: PointSamples,
+        method: Method | MethodName = "layered",
+        *,
+        max_bytes: int = MAX_BYTES,
+    ) -> None:
+        _require_samples(samples)
+        if isinstance(max_bytes, bool) or not isinstance(max_bytes, (int, np.integer)):
+            raise TypeError(f"max_bytes={max_bytes!r}: must be a whole number of bytes >= 0")
+        if max_bytes < 0:
+            raise ValueError(f"max_bytes={max_bytes}: must be >= 0")
+        self.samples = samples
+        self.method = Method.parse(method)
+        self._memo = Memo(int(max_bytes))
+
+    def focus(
+        self,
+        lens: ThinLens | None = None,
+        *,
+        psf: PointSpreadFunction | None = None,
+        rfilter: ReconstructionFilter | None = None,
+        alpha: bool = False,
+        filters: Sequence[FilterFunction | str] = (),
+    ) -> jit.TensorXf:
+        """The picture that ``lens`` forms; parameters are those of :func:`potmesil_mi.focus`."""
+        return form_picture(
+            self.samples, lens, self.method, self._memo, psf, rfilter, alpha, filters
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes of what is kept, without the samples."""
+        with jit.evaluating:
+            return self._memo.nbytes
+
+    def clear(self) -> None:
+        """Give up what is kept; the next focus finds it out again."""
+        with jit.evaluating:
+            self._memo.clear()
+
+    def __repr__(self) -> str:
+        return f"FocusSession({self.samples!r}, {str(self.method)!r})"
+
+
+def memo_of(samples: PointSamples) -> Memo:
+    """What is kept for ``samples`` as long as they are."""
+    with jit.evaluating:
+        return _memos.setdefault(samples, Memo())
+
+
+def form_picture(
+    samples: PointSamples,
+    lens: ThinLens | None,
+    method: Method,
+    memo: Memo,
+    psf: PointSpreadFunction | None,
+    rfilter: ReconstructionFilter | None,
+    alpha: bool,
+    filters: Sequence[FilterFunction | str],
+) -> jit.TensorXf:
+    """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
+    jit.name()  # raises while a scalar variant is set
+    lens = _plain(samples.lens if lens is None else lens).in_units(
+        samples.lens.millimeters_per_unit
+    )
+    psf = lens.aperture if psf is None else psf
+    if not hasattr(psf, "table"):
+        raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
+    if not isinstance(alpha, (bool, np.bool_)):
+        raise TypeError(f"alpha={alpha!r}: must be True or False")
+    filters = as_filters(filters)
+    method.check(lens)
+    subpixels = method.squares
+    if subpixels is None:
+        subpixels = method.default_squares(samples, psf)
+    channels = psf.channels if isinstance(psf, Aperture) else (psf,)
+    with jit.evaluating:
+        exposures = [Exposure(samples, lens, each, subpixels, bool(alpha)) for each in channels]
+        pictures = [
+            reconstruct(*method.form(exposure, memo), subpixels, rfilter) for exposure in exposures
+        ]
+        picture = pictures[0]
+        if len(pictures) == 3:  # Alpha is that of green.
+            parts = (*pictures, pictures[1])[: picture.shape[-1]]
+            picture = np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
+        if filters:
+            # The field of view is the samples', and so is the film's width.
+            pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
+            frame = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
+            picture = apply_filters(picture, filters, frame, pixels_per_mm)
+        return jit.TensorXf(picture.astype(np.float32))
+
+
+def _require_samples(samples: Any) -> None:
+    if not isinstance(samples, PointSamples):
+        raise TypeError(
+            f"samples={type(samples).__name__}: must be PointSamples, as render_samples gives"
+        )
+
+
+def _plain(lens: Any) -> ThinLens:
+    """The lens with plain numbers, if it is one and nobody waits for its derivatives."""
+    if not isinstance(lens, ThinLens):
+        raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
+    for name, value in lens.parameters().items():
+        if type(value).__module__.startswith("drjit") and dr.grad_enabled(value):
+            raise NotImplementedError(
+                f"{name}: has gradients enabled, but a focus has no derivatives; detach it, as by "
+                "dr.detach"
+            )
+    return lens.plain()

@@ -1,0 +1,452 @@
+"""The plan of a focus: what of it is discrete, made first, on the host.
+
+Fragments of similar circles form a depth slice. A plan says, for each slice, on pixels of what size
+it is spread, in which box, by kernels of which radii. The operators of :mod:`.splat`, ``.convolve``
+and ``.composite`` then apply it; they are linear in the light, or piecewise smooth.
+
+Within a slice, pixels and kernel radii get coarser as the circles grow, so that the cost of a
+focus does not grow with their area.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..optics.blur import Blur
+from ..optics.lens import ThinLens
+from ..optics.psf import PointSpreadFunction
+from ..samples.raster import Window
+from .convolve import fast_size
+from .fragments import BIN_RADIUS, Fragments
+from .kernels import LINEAR_VARIANCE, SUBPIXEL_VARIANCE, KernelFactory
+from .lens_view import LensView, Occluded, ViewPyramid
+
+SLICE_RADII = 4.0 ** np.arange(12)
+"""Radii in subpixels between which circles form a slice; up to the first they are of both signs."""
+
+PARTING = math.sqrt(2)
+"""Slices are parted at most so many times below or above one of the ``SLICE_RADII``."""
+
+HIGHLIGHT_FINER = 5
+"""Circles of highlights have so many times as many pixels a radius, at least, as others."""
+
+CELL_RADIUS = 1.0
+"""Over what the share of a lens point is spread, in radii of a disc of its part of the lens."""
+
+HIGHLIGHT_CELL_RADIUS = 1.7
+"""The same for highlights, of which one sees gaps between the points."""
+
+KERNEL_RATIO = math.sqrt(2)
+"""Largest ratio of neighbouring kernel radii with circles between them."""
+
+SMALL_AREA_KERNEL_RATIO = 1.25
+"""The same in small parts of the window, where more kernels cost little."""
+
+DIFFRACTION_KERNEL_RATIO = 2 ** (1 / 8)
+"""The same where the pattern changes with the circle."""
+
+SAME_KERNEL = 0.06
+"""Circles whose radii differ by no more than this part of them, or by ``BIN_RADIUS`` pixels, have
+one kernel."""
+
+MIDDLE_KERNEL = 0.6
+"""Where circles are of both signs, there is a kernel for this part of the largest radius."""
+
+MOVED_REACH = 3
+"""Pixels on each side among which a single point is shared to be in its place."""
+
+NARROW = 0.1
+"""Share of the light in one pixel from which on a kernel is too narrow for polynomials."""
+
+
+class Fineness(NamedTuple):
+    """How finely circles are spread.
+
+    ``kept_radius``: circles of at least twice this radius, in subpixels, are spread on pixels so
+    many times as large that it stays no less. ``small_area``: in boxes of up to so many pixels
+    kernel radii are closer to each other.
+    """
+
+    kept_radius: float
+    small_area: float
+
+
+@dataclasses.dataclass(frozen=True)
+class CirclePlan:
+    """Unoccluded fragments of a slice, spread by kernels of circles close to theirs.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``fragments``                 those of the view
+    ``part``                      which of them are in the slice
+    ``kernel_radii``              float64 (K,), ascending, in pixels of the slice
+    ``kernels``                   one for each radius
+    ``first_bin``                 of the bins in ``kernel_of_bin``
+    ``kernel_of_bin``             uint32 (bins,), index of the kernel before a bin's circles
+    ``single_points``             int64 (n,), fragments of ``part`` so bright that their place
+                                  within a pixel shows
+    ``moved_reach``               pixels on each side among which these are shared
+    ============================  ==========================================================
+    """
+
+    fragments: Fragments
+    part: slice
+    kernel_radii: np.ndarray
+    kernels: list[np.ndarray]
+    first_bin: int
+    kernel_of_bin: np.ndarray
+    single_points: np.ndarray
+    moved_reach: int
+
+
+@dataclasses.dataclass(frozen=True)
+class PointPlan:
+    """Occluded fragments of a slice, of which each lens point that sees them gets its share.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``occluded``                  those of the view
+    ``part``                      which of them are in the slice
+    ``pixel``                     width of the slice's pixels in subpixels of the fragments
+    ``cell``                      radius of a lens point's cell, in radii of the circle
+    ``kernels``                   of a cell, one for each octave that has circles
+    ============================  ==========================================================
+    """
+
+    occluded: Occluded
+    part: slice
+    pixel: int
+    cell: float
+    kernels: list[np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthSlice:
+    """Fragments of similar circles, and how they are to be spread.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``resolution``                width of the slice's pixels in subpixels
+    ``box``                       pixels of the slice that its light reaches
+    ``blur``                      of the lens, in pixels of the slice
+    ``octaves``                   radii, ascending, from each of which on circles have cells of
+                                  one size
+    ``smeared``                   variance, in pixels squared, with which the images are spread
+                                  by the pixels' size and by interpolation between them
+    ``circles``                   the unoccluded fragments
+    ``points``                    occluded fragments, and highlights
+    ============================  ==========================================================
+    """
+
+    resolution: int
+    box: Window
+    blur: Blur
+    octaves: list[float]
+    smeared: float
+    circles: CirclePlan
+    points: list[PointPlan]
+
+
+def plan(
+    views: ViewPyramid,
+    lens: ThinLens,
+    psf: PointSpreadFunction,
+    blur: Blur,
+    subpixels_per_mm: float,
+    fineness: Fineness,
+) -> list[list[DepthSlice]]:
+    """The slices of a focus, those at about one depth together, from the nearest.
+
+    ``blur`` is that of the lens in subpixels.
+    """
+    groups = []
+    for band in _bands(views.at(1), blur, fineness.kept_radius):
+        slices = [
+            _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster).planned(fineness)
+            for raster in band.rasters()
+        ]
+        groups.append([each for each in slices if each is not None])
+    return groups
+
+
+class _Raster(NamedTuple):
+    """The pixels of a slice, and what is spread on them.
+
+    ``coarsening`` is that of the view's fragments, ``resolution`` that of the slice; ``has_view``
+    says whether unoccluded and occluded fragments are there, ``has_highlights`` highlights.
+    """
+
+    coarsening: int
+    resolution: int
+    has_view: bool
+    has_highlights: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class _Band:
+    """Bins of similar circles: from ``first`` on, before ``end``.
+
+    Circles' radii, in subpixels, are between ``inner`` and ``outer``; ``inner`` is 0 where they
+    are of both signs. They are spread on pixels of ``resolution`` subpixels; highlights, of which
+    one sees the edges, on pixels of ``highlight_resolution``.
+    """
+
+    first: int
+    end: int
+    inner: float
+    outer: float
+    sign: float
+    resolution: int
+    highlight_resolution: int
+
+    def rasters(self) -> list[_Raster]:
+        """The pixels on which the band is spread: highlights may have their own."""
+        if self.highlight_resolution == self.resolution:
+            return [_Raster(self.resolution, self.resolution, True, True)]
+        return [
+            _Raster(self.resolution, self.resolution, True, False),
+            _Raster(1, self.highlight_resolution, False, True),
+        ]
+
+
+def _bands(view: LensView, blur: Blur, kept_radius: float) -> Iterator[_Band]:
+    """The bands that have fragments, from the nearest.
+
+    Around each of the ``SLICE_RADII`` they are parted where there are the fewest fragments: between
+    surfaces rather than within one.
+    """
+    counts, some = view.counts, view.unoccluded
+    if blur.radius_per_vergence == 0:
+        yield _Band(0, len(counts), 0.0, 0.0, 1.0, 1, 1)
+        return
+    focused = (blur.focused_vergence - some.vergence_min) / some.bin_width
+    bins = 1 / (blur.radius_per_vergence * some.bin_width)
+
+    def parting(edge: float) -> int:
+        """The first bin beyond a signed radius; it begins a bin of the coarser views, too."""
+        size = _resolution(abs(edge) * PARTING, kept_radius)
+        ends = sorted(focused + edge * bins * by for by in (1 / PARTING, PARTING))
+        first, last = (min(max(round(end / size), 0), len(counts) // size + 1) for end in ends)
+        at = np.arange(first, last + 1) * size
+        beside = np.pad(counts, (1, 2 * size + 1))
+        number = beside[at] + beside[at + 1]
+        fewest = at[number == number.min()]
+        return int(fewest[np.abs(fewest - (focused + edge * bins)).argmin()])
+
+    edges = [*-SLICE_RADII[::-1], *SLICE_RADII]
+    partings = [0, *(parting(edge) for edge in edges[1:-1]), len(counts)]
+    for i in reversed(range(len(edges) - 1)):
+        filled = partings[i] + np.flatnonzero(counts[partings[i] : partings[i + 1]])
+        if len(filled) == 0:
+            continue
+        first, end = int(filled[0]), int(filled[-1]) + 1
+        inner, outer = sorted(abs(end - focused) / bins for end in (first, end))
+        if edges[i] < 0 < edges[i + 1]:
+            yield _Band(first, end, 0.0, outer, 1.0, 1, 1)
+        else:
+            sign = math.copysign(1, edges[i])
+            resolution = _resolution(inner, kept_radius)
+            highlight_resolution = _resolution(inner, HIGHLIGHT_FINER * kept_radius)
+            yield _Band(first, end, inner, outer, sign, resolution, highlight_resolution)
+
+
+def _resolution(radius: float, kept_radius: float) -> int:
+    """Width in subpixels of the pixels on which circles of at least a ``radius`` are spread."""
+    if radius < kept_radius:
+        return 1
+    return 2 ** max(0, math.floor(math.log2(radius / kept_radius)))
+
+
+def _smeared(resolution: int) -> float:
+    """Variance, in pixels squared, that pixels of a ``resolution`` add to what is spread on them.
+
+    It is that of interpolation between coarser pixels and of gathering by them, less what their
+    size leaves out.
+    """
+    if resolution == 1:
+        return 0.0
+    steps = 0.25 ** np.arange(round(math.log2(resolution)))
+    return float(3 / 16 * steps.sum() - SUBPIXEL_VARIANCE / resolution**2 + LINEAR_VARIANCE)
+
+
+class _SlicePlanner:
+    """Plans the slice of one band on one raster."""
+
+    def __init__(
+        self,
+        views: ViewPyramid,
+        lens: ThinLens,
+        psf: PointSpreadFunction,
+        blur: Blur,
+        subpixels_per_mm: float,
+        band: _Band,
+        raster: _Raster,
+    ) -> None:
+        factor = raster.resolution
+        self.view, self.band, self.raster = views.at(raster.coarsening), band, raster
+        self.blur = Blur(blur.radius_per_vergence / factor, blur.focused_vergence)
+        self.inner, self.outer = band.inner / factor, band.outer / factor
+        # Farther than the window is wide, and a pixel more to interpolate with, nothing is seen.
+        largest = (self.view.unoccluded.width + 2, self.view.unoccluded.height + 2)
+        self.factory = KernelFactory(
+            lens,
+            psf,
+            subpixels_per_mm / factor,
+            self.blur.radius_per_vergence,
+            self.blur.focused_vergence,
+            band.sign,
+            _smeared(factor),
+            largest,
+        )
+        self.parts = self._parts()
+        self.bins, self.radii = self._mean_radii()
+
+    def _parts(self) -> tuple[slice, slice, slice]:
+        """Which of the unoccluded and occluded fragments and of the highlights are in the slice."""
+
+        def within(fragments: Fragments, bins: int) -> slice:
+            return fragments.between(self.band.first // bins, (self.band.end - 1) // bins + 1)
+
+        unoccluded, occluded, highlights = self.view.kinds
+        parts = [slice(0, 0)] * 3
+        if self.raster.has_view:
+            coarsening = self.raster.coarsening
+            parts[:2] = within(unoccluded, coarsening), within(occluded, coarsening)
+        if self.raster.has_highlights:
+            parts[2] = within(highlights, 1)
+        return parts[0], parts[1], parts[2]
+
+    def _mean_radii(self) -> tuple[np.ndarray, np.ndarray]:
+        """The bins that have unoccluded fragments, and their mean radii in pixels."""
+        part, own = self.parts[0], self.view.unoccluded.bin
+        bins, vergences = self.view.vergences
+        if part.start == part.stop:
+            return bins[:0], vergences[:0]
+        ends = np.searchsorted(bins, own[[part.start, part.stop - 1]])
+        these = slice(ends[0], ends[1] + 1)
+        radii = np.abs(vergences[these] - self.blur.focused_vergence)
+        return bins[these], radii * self.blur.radius_per_vergence
+
+    def planned(self, fineness: Fineness) -> DepthSlice | None:
+        """The slice; ``None`` if it has no fragments."""
+        # How many of the fragments' own subpixels make a pixel of the slice.
+        pixels = (1, 1, self.raster.resolution)
+        boxes = [
+            np.array([f.x[part].min(), f.y[part].min(), f.x[part].max(), f.y[part].max()]) // pixel
+            for f, part, pixel in zip(self.view.kinds, self.parts, pixels, strict=True)
+            if part.start < part.stop
+        ]
+        if not boxes:
+            return None
+        left, top = (int(min(box[i] for box in boxes)) for i in (0, 1))
+        right, bottom = (int(max(box[i] for box in boxes)) + 1 for i in (2, 3))
+        circles = self._circles((right - left) * (bottom - top) <= fineness.small_area)
+        reach = self._reach(circles.kernels)
+        box = Window(
+            left - reach,
+            top - reach,
+            fast_size(right - left + 2 * reach),
+            fast_size(bottom - top + 2 * reach),
+        )
+        octaves = self._octaves()
+        occluded = (self.view.occluded, CELL_RADIUS), (self.view.highlights, HIGHLIGHT_CELL_RADIUS)
+        return DepthSlice(
+            self.raster.resolution,
+            box,
+            self.blur,
+            octaves,
+            self.factory.smeared,
+            circles,
+            [
+                self._points(some, part, pixel, radius, octaves)
+                for (some, radius), part, pixel in zip(
+                    occluded, self.parts[1:], pixels[1:], strict=True
+                )
+                if part.start < part.stop
+            ],
+        )
+
+    def _circles(self, is_small: bool) -> CirclePlan:
+        radii = self._kernel_radii(is_small)
+        kernels = [self.factory.of_radius(radius) for radius in radii]
+        part = self.parts[0]
+        single_points = self.view.single_points
+        single_points = single_points[(single_points >= part.start) & (single_points < part.stop)]
+        wide = len(single_points) > 0 and max(kernel.max() for kernel in kernels) < NARROW
+        # The edge of a truncated pattern is sharp.
+        wide = wide and not getattr(self.factory.psf, "truncated", False)
+        before = np.clip(np.searchsorted(radii, self.radii, side="right") - 1, 0, None)
+        if len(radii) > 1:
+            before = np.minimum(before, len(radii) - 2)
+        first_bin = int(self.bins[0]) if len(self.bins) else 0
+        kernel_of_bin = np.zeros(
+            int(self.bins[-1]) - first_bin + 1 if len(self.bins) else 0, dtype=np.uint32
+        )
+        kernel_of_bin[self.bins - first_bin] = before
+        return CirclePlan(
+            self.view.unoccluded,
+            part,
+            radii,
+            kernels,
+            first_bin,
+            kernel_of_bin,
+            single_points,
+            MOVED_REACH if wide else 1,
+        )
+
+    def _kernel_radii(self, is_small: bool) -> np.ndarray:
+        """Radii, as few as will do, that have kernels; there are circles near each."""
+        if self.inner == 0:
+            outer = float(self.radii.max(initial=0.0))
+            return np.array([0.0, MIDDLE_KERNEL * outer, outer] if outer > 0 else [0.0])
+        radii = np.sort(self.radii)
+        alike = len(radii) > 0 and radii[-1] - radii[0] <= max(BIN_RADIUS, SAME_KERNEL * radii[0])
+        if alike and not self.factory.diffracts:
+            return np.array([math.sqrt(radii[0] * radii[-1])])
+        ratio = SMALL_AREA_KERNEL_RATIO if is_small else KERNEL_RATIO
+        if self.factory.diffracts:
+            ratio = DIFFRACTION_KERNEL_RATIO
+        chosen: list[float] = []
+        next_ = 0
+        while next_ < len(radii):
+            chosen.append(float(radii[next_]))
+            last = int(np.searchsorted(radii, chosen[-1] * ratio, side="right")) - 1
+            next_ = max(last, next_ + 1)
+        return np.array(chosen)
+
+    def _reach(self, kernels: list[np.ndarray]) -> int:
+        """Pixels beyond the fragments that their light may reach."""
+        cell = math.sqrt(2 / len(self.view.occluded.points)) * CELL_RADIUS
+        cells = math.ceil(self.outer * (1 + cell)) + 3
+        if self.factory.diffracts:
+            cells += max(self.factory.in_focus().shape) // 2
+        return max([cells, *(max(kernel.shape) // 2 + 1 for kernel in kernels)]) + MOVED_REACH
+
+    def _octaves(self) -> list[float]:
+        if self.inner == 0:
+            return [0.0]
+        count = max(1, math.ceil(math.log2(self.outer / self.inner) - 1e-3))
+        return [self.inner * 2**i for i in range(count)]
+
+    def _points(
+        self, some: Occluded, part: slice, pixel: int, radius: float, octaves: list[float]
+    ) -> PointPlan:
+        cell = radius / math.sqrt(len(some.points))
+        ends = some.fragments.bin[[part.start, part.stop - 1]] + np.array([0, 1])
+        vergences = some.fragments.vergence_min + some.fragments.bin_width * ends
+        vergences = vergences - self.blur.focused_vergence
+        largest = np.abs(vergences).max() * self.blur.radius_per_vergence
+        kernels = [
+            self.factory.of_cell(cell * edge)
+            for octave, edge in enumerate(octaves)
+            if octave == 0 or edge <= largest
+        ]
+        return PointPlan(some, part, pixel, cell, kernels)

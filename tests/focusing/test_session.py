@@ -1,0 +1,235 @@
+"""Sessions: what is kept, what a refused call leaves behind, several threads at once."""
+
+import gc
+import threading
+import weakref
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi.focusing.memo import Memo
+from scenes import overscanned, synthetic
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+APERTURES = [0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0]
+
+
+def lens_of(samples, f_number=1.0, focus_distance=2.0):
+    return samples.lens.replace(f_number=f_number, focus_distance=focus_distance)
+
+
+def pictures(session, f_numbers=APERTURES):
+    return [np.array(session.focus(lens_of(session.samples, n))) for n in f_numbers]
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+def test_a_session_forms_the_pictures_of_focus(method):
+    samples = overscanned()
+    session = pm.FocusSession(samples, method)
+    lens = lens_of(samples)
+    np.testing.assert_allclose(
+        np.array(session.focus(lens, alpha=True)),
+        np.array(pm.focus(samples, lens, method=method, alpha=True)),
+        atol=1e-6,
+    )
+
+
+def test_a_session_keeps_what_it_has_found_out_until_it_is_cleared():
+    session = pm.FocusSession(overscanned())
+    assert session.nbytes == 0
+    first = np.array(session.focus(lens_of(session.samples)))
+    kept = session.nbytes
+    assert kept > 0
+    session.focus(lens_of(session.samples, focus_distance=3.0))
+    assert session.nbytes < 2 * kept, "the same aperture is not looked at again"
+    session.clear()
+    assert session.nbytes == 0
+    again = np.array(session.focus(lens_of(session.samples)))
+    np.testing.assert_allclose(again, first, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield"])
+def test_what_is_kept_stays_within_its_bytes_and_pictures_stay_right(method):
+    samples = overscanned()
+    free = pm.FocusSession(samples, method)
+    expected = pictures(free)
+    one = pm.FocusSession(samples, method)
+    one.focus(lens_of(samples, APERTURES[0]))
+    bound = 3 * one.nbytes
+    assert free.nbytes > bound
+    tight = pm.FocusSession(samples, method, max_bytes=bound)
+    for image, right in zip(pictures(tight), expected, strict=True):
+        assert tight.nbytes <= bound
+        np.testing.assert_allclose(image, right, atol=1e-6)
+
+
+def test_without_any_bytes_the_last_focus_is_kept_and_no_more():
+    samples = overscanned()
+    session = pm.FocusSession(samples, max_bytes=0)
+    expected = pictures(pm.FocusSession(samples))
+    for image, right in zip(pictures(session), expected, strict=True):
+        np.testing.assert_allclose(image, right, atol=1e-6)
+
+
+class Bytes:
+    def __init__(self, nbytes):
+        self.nbytes = nbytes
+
+
+def test_what_was_not_used_for_longest_goes_first():
+    memo = Memo(max_bytes=25)
+    for key in "aba":
+        memo.get(key, lambda: Bytes(10))
+    memo.get("c", lambda: Bytes(10))
+    made = []
+    for key in "ac":
+        memo.get(key, lambda: made.append(1))
+    assert not made
+    assert memo.nbytes == 20
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        {"alpha": "yes"},
+        {"alpha": np.array([1.0, 0.0])},
+        {"filters": ["start"]},
+        {"psf": 3},
+        {"lens": "wide"},
+    ],
+)
+@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+def test_a_refused_call_changes_nothing(method, refused):
+    samples = overscanned()
+    session = pm.FocusSession(samples, method)
+    expected = pictures(session, APERTURES[:2])
+    kept = session.nbytes
+    for _ in range(6):
+        with pytest.raises((TypeError, ValueError)):
+            session.focus(**refused)
+        with pytest.raises((TypeError, ValueError)):
+            pm.focus(samples, method=method, **refused)
+    assert session.nbytes == kept
+    for image, right in zip(pictures(session, APERTURES[:2]), expected, strict=True):
+        np.testing.assert_allclose(image, right, atol=1e-6)
+
+
+def test_a_dr_jit_array_for_alpha_is_refused_and_later_pictures_are_right():
+    samples = overscanned()
+    with pytest.raises(TypeError, match="alpha="):
+        pm.focus(samples, alpha=mi.Float(1))
+    for n in APERTURES:
+        assert np.isfinite(np.array(pm.focus(samples, lens_of(samples, n)))).all()
+
+
+class Broken(pm.Disc):
+    """An aperture that fails when it is looked through."""
+
+    name = "broken"
+
+    def points(self, count):
+        raise RuntimeError("broken")
+
+
+def test_a_focus_that_fails_on_its_way_leaves_nothing_behind():
+    samples = overscanned()
+    session = pm.FocusSession(samples)
+    right = np.array(session.focus(lens_of(samples)))
+    kept = session.nbytes
+    for _ in range(6):
+        with pytest.raises(RuntimeError, match="broken"):
+            session.focus(lens_of(samples).replace(aperture=Broken()))
+    assert session.nbytes == kept
+    np.testing.assert_allclose(np.array(session.focus(lens_of(samples))), right, atol=1e-6)
+
+
+def test_apertures_that_differ_in_the_points_for_highlights_alone_have_their_own_pictures():
+    def disc(radius):
+        y, x = np.mgrid[-1:1:64j, -1:1:64j]
+        return pm.ImageAperture((np.hypot(x, y) <= radius).astype(float))
+
+    samples = synthetic(20 * 14 * 4)
+    rgb = samples.rgb.copy()
+    rgb[samples.pixel() == 150] = 300.0
+    samples = samples.replace(rgb=rgb)
+    lens = lens_of(samples, 0.5, 1.2)
+
+    def picture(of, aperture):
+        return np.array(pm.focus(of, lens.replace(aperture=aperture), lens_points=1))
+
+    wide, narrow = (picture(samples, disc(radius)) for radius in (1.0, 0.3))
+    expected = picture(samples.replace(), disc(0.3))
+    np.testing.assert_allclose(narrow, expected, rtol=1e-5, atol=1e-5)
+    assert np.abs(wide - narrow).max() > 0.01 * wide.max()
+
+
+def test_gradients_that_would_be_lost_in_silence_are_refused():
+    samples = overscanned()
+    focus_distance = mi.Float(2.0)
+    dr.enable_grad(focus_distance)
+    lens = samples.lens.replace(focus_distance=focus_distance)
+    with pytest.raises(NotImplementedError, match="focus_distance"):
+        pm.focus(samples, lens)
+    detached = lens.replace(focus_distance=dr.detach(focus_distance))
+    assert np.isfinite(np.array(pm.focus(samples, detached))).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "text"),
+    [
+        ({"samples": 3}, TypeError, "samples=int"),
+        ({"method": "lightfeld"}, ValueError, "method='lightfeld'.*lightfield"),
+        ({"method": 3}, TypeError, "method=3"),
+        ({"max_bytes": -1}, ValueError, "max_bytes=-1"),
+        ({"max_bytes": 1.5}, TypeError, r"max_bytes=1\.5"),
+    ],
+)
+def test_a_bad_argument_is_named(arguments, error, text):
+    with pytest.raises(error, match=text):
+        pm.FocusSession(**{"samples": synthetic(), **arguments})
+
+
+def test_a_session_that_nobody_holds_frees_its_samples():
+    samples = overscanned()
+    session = pm.FocusSession(samples)
+    session.focus()
+    reference = weakref.ref(samples)
+    del samples, session
+    gc.collect()
+    assert reference() is None
+
+
+# ---------------------------------------------------------------- threads
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+@pytest.mark.parametrize("shared", [True, False], ids=["same_samples", "own_samples"])
+def test_four_threads_form_the_pictures_that_one_forms(method, shared):
+    samples = overscanned(30_000)
+    apertures = APERTURES[:5]
+    expected = pictures(pm.FocusSession(samples, method), apertures)
+    session = pm.FocusSession(samples, method)
+    differences, errors = [], []
+
+    def work(start):
+        own = session if shared else pm.FocusSession(samples.replace(), method)
+        try:
+            for i in range(5):
+                k = (start + i) % 5
+                image = np.array(own.focus(lens_of(samples, apertures[k])))
+                differences.append(np.abs(image - expected[k]).max())
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, args=(start,)) for start in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    assert len(differences) == 20
+    assert max(differences) < 1e-5
