@@ -1,24 +1,83 @@
-"""Progress of long jobs, shown where a person sits at a terminal."""
+"""Progress of long jobs: a callback is told how far they are, by default a bar on a terminal."""
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
 import sys
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
 from typing import TypeVar
 
 T = TypeVar("T")
 
+ProgressCallback = Callable[[str, "float | None"], None]
+"""Takes what is being done, and the share of it that is done, 0 to 1; ``None``: not known."""
+
+_callback: contextvars.ContextVar[ProgressCallback | None] = contextvars.ContextVar(
+    "potmesil_mi_progress", default=None
+)
+
+
+@contextlib.contextmanager
+def progress(callback: ProgressCallback | None) -> Iterator[None]:
+    """Tell ``callback`` how far long jobs within the block are, and show no bar.
+
+    It is called with what is being done, such as ``"Sampling"``, and with the share of it that is
+    done, from 0 to 1, or ``None`` where that is not known. What it raises ends the job and comes
+    out of the function that was called. ``None`` for ``callback`` gives back the default: a bar
+    on standard error if that is a terminal. It holds for the thread it is called in::
+
+        with pm.progress(lambda text, share: print(text, share)):
+            samples = pm.render_samples(scene)
+    """
+    token = _callback.set(callback)
+    try:
+        yield
+    finally:
+        _callback.reset(token)
+
+
+@contextlib.contextmanager
+def reported() -> Iterator[ProgressCallback]:
+    """What a job within the block is to tell how far it is: whoever listens, or nobody."""
+    callback = _callback.get()
+    if callback is not None:
+        yield callback
+    elif sys.stderr.isatty():
+        with _bar() as show:
+            yield show
+    else:
+        yield lambda text, share: None
+
 
 def track(steps: Iterable[T], description: str, total: float | None = None) -> Iterator[T]:
-    """Yield from ``steps``, with a progress bar on standard error if that is a terminal."""
-    if not sys.stderr.isatty():
-        yield from steps
-        return
-    from rich.console import Console
-    from rich.progress import track as rich_track
-
+    """Yield from ``steps`` and report after each how many of ``total`` (their number) are done."""
     if total is None and isinstance(steps, Sized):
         total = len(steps)
-    yield from rich_track(
-        steps, description, total=total, console=Console(stderr=True), transient=True
+    with reported() as report:
+        report(description, 0.0 if total else None)
+        for done, step in enumerate(steps, 1):
+            yield step
+            report(description, min(done / total, 1.0) if total else None)
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[ProgressCallback]:
+    """A bar on standard error, which is gone at the end."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
     )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def show(text: str, share: float | None) -> None:
+            total = None if share is None else 1.0
+            bar.update(task, description=text, completed=share or 0.0, total=total)
+
+        yield show
