@@ -31,6 +31,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import common
 import mitsuba as mi
@@ -40,9 +41,8 @@ from references import LampLight, Reference, scene_version
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import potmesil_mi as pm
-from potmesil_mi.evaluation import metrics
-from potmesil_mi.evaluation.compare import thinlens_sensor
-from potmesil_mi.focusing.api import METHODS
+from potmesil_mi.evaluation import metrics, thinlens_sensor
+from potmesil_mi.focusing.methods import MethodName
 
 FOLDER = common.OUTPUT / "peers"
 VENV = FOLDER / "venv"
@@ -76,8 +76,8 @@ def main() -> None:
     options.add_argument(
         "--methods",
         nargs="+",
-        choices=METHODS,
-        default=["layered"] if "layered" in METHODS else ["paper"],
+        choices=get_args(MethodName),
+        default=["layered"],
         help="of potmesil_mi; the time of the first is what thinlens is given",
     )
     options.add_argument("--spp", type=int, default=16, help="point samples a pixel")

@@ -24,7 +24,7 @@ from common import console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import potmesil_mi as pm
-from potmesil_mi.evaluation.compare import thinlens_sensor
+from potmesil_mi.evaluation import thinlens_sensor
 from potmesil_mi.evaluation.metrics import decibels, mean_square
 
 FOLDER = common.OUTPUT / "thinlens_quality"

@@ -18,6 +18,7 @@ import math
 import statistics
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import common
 import mitsuba as mi
@@ -26,9 +27,8 @@ from common import console, timed
 from references import Encoding, Reference, make_references, thinlens
 
 import potmesil_mi as pm
-from potmesil_mi.evaluation import metrics
-from potmesil_mi.evaluation.compare import thinlens_sensor
-from potmesil_mi.focusing.api import METHODS
+from potmesil_mi.evaluation import metrics, thinlens_sensor
+from potmesil_mi.focusing.methods import MethodName
 
 FOLDER = common.OUTPUT / "visibility_images"
 SCENES = common.ROOT / "scenes"
@@ -121,7 +121,9 @@ CASES = {
 def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
     options.add_argument("--scenes", nargs="+", choices=CASES, default=list(CASES))
-    options.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    options.add_argument(
+        "--methods", nargs="+", choices=get_args(MethodName), default=list(get_args(MethodName))
+    )
     options.add_argument(
         "--uniform",
         action="store_true",
