@@ -9,13 +9,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..focusing.api import film_options, focus
+from ..focusing.api import focus
+from ..focusing.methods import Equation20
 from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import WAVEFRONT
+from ..tracing.passes import WAVEFRONT
 from ..tracing.sampling import Sampling
+from .settings import has_alpha
 from .wrapper import WrapperIntegrator
 
 AOVS = ("x", "y", "z", "id", "weight")
+"""Channels of the film beside the colours; see :class:`PointSamplesIntegrator`."""
 
 
 class PointSamplesIntegrator(WrapperIntegrator):
@@ -89,18 +92,17 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
 def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     """RGB (A) of the samples through the film's filter, (height, width, 3 or 4)."""
-    options = film_options(film)
+    alpha = has_alpha(film)
     if samples.lattice > 0:
         # A corner belongs to the four pixels around it, which equation 20 knows.
         pinhole = samples.lens.replace(f_number=math.inf)
-        return np.array(
-            focus(samples, pinhole, method="paper", tables=2, inverse_square=False, **options)
-        )
+        method = Equation20(tables=2, inverse_square=False)
+        return np.array(focus(samples, pinhole, method=method, rfilter=film.rfilter(), alpha=alpha))
     film.prepare([])
     block = film.create_block()
     for start in range(0, len(samples), WAVEFRONT):
         part = slice(start, start + WAVEFRONT)
-        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if options["alpha"] else [])]
+        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if alpha else [])]
         weight = mi.Float(samples.weight[part])
         block.put(
             mi.Point2f(samples.x[part], samples.y[part]),

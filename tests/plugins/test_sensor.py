@@ -15,7 +15,7 @@ from potmesil_mi import ThinLens, potmesil_sensor
 from potmesil_mi.optics.camera import FOV_AXES
 from potmesil_mi.tracing.sensor import sensor_parameters
 
-REPOSITORY = Path(__file__).parents[1]
+REPOSITORY = Path(__file__).parents[2]
 ORIGIN, TARGET = [1.0, -2.0, 3.5], [0.0, 1.0, -1.0]
 
 

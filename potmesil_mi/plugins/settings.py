@@ -1,0 +1,38 @@
+"""What a scene says of the focus stage, read without the plugins' classes.
+
+These are made anew for each variant; what is here is the same for all.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import mitsuba as mi
+
+from ..filters.base import FilterFunction
+from ..focusing.methods import Method, method_of
+
+METHOD_PARAMETERS = ("method", "lens_points", "tables", "inverse_square", "squares")
+"""Parameters of the integrator ``focus`` that say how the picture is formed."""
+
+
+@runtime_checkable
+class FocusSettings(Protocol):
+    """An integrator that says how a picture is focused, as ``focus`` does."""
+
+    method: Method
+    filters: tuple[FilterFunction, ...]
+
+
+def method_from(props: mi.Properties) -> Method:
+    """The method that the parameters of an integrator describe.
+
+    Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    """
+    given = {name: props[name] for name in METHOD_PARAMETERS if name in props}
+    return method_of(given.pop("method", "layered"), **given)
+
+
+def has_alpha(film: mi.Film) -> bool:
+    """Whether the film shows coverage in a fourth channel."""
+    return mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
