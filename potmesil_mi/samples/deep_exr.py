@@ -26,7 +26,6 @@ import dataclasses
 import json
 import math
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -36,6 +35,7 @@ import OpenEXR
 
 from .._image import require_writable, written_whole
 from .._validation import require_whole
+from ..optics.aperture import Aperture
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from .columns import Columns
@@ -50,9 +50,6 @@ F_NUMBERS = (1e-4, 1e12)
 
 MAGNITUDES = (1e-30, 1e30)
 """The same of other numbers of a camera and a lens, if they are neither 0 nor infinite."""
-
-NAMES_A_FILE = re.compile(r"[:,]\s*filename\s*=")
-"""Parameter of a spec with which people, and never files, say what file is to be opened."""
 
 LONGEST_JSON = 1 << 26
 """Most characters of a camera or a lens. An aperture of 4096 x 4096 elements may be as long."""
@@ -258,9 +255,9 @@ def _lens(values: dict[str, Any]) -> ThinLens:
     """The lens of a header, whose aperture names no file."""
     for name, value in values.items():
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ValueError(f"{name}={value!r}: must be a number or text")
-        if name == "aperture" and NAMES_A_FILE.search(str(value)):
-            raise ValueError(f"{name}={value!r}: must not name a file that is to be opened")
+            raise ValueError(f"{name}={str(value)[:80]}: must be a number or text")
+    if "aperture" in values:
+        values = {**values, "aperture": Aperture.parse(values["aperture"], from_file=True)}
     return ThinLens.from_dict(values)
 
 

@@ -145,3 +145,45 @@ def test_focal_length_in_pixels_is_that_of_the_whole_film(fov, pixels):
     whole = dataclasses.replace(camera(), x_fov=fov)
     assert whole.focal_length_pixels == pytest.approx(pixels, rel=1e-14)
     assert dataclasses.replace(whole, crop_size=(1, 1)).focal_length_pixels == pytest.approx(pixels)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "error", "text"),
+    [
+        ("film_size", (320,), TypeError, r"film_size=\(320,\): must be a tuple of 2"),
+        ("film_size", (320, 0), ValueError, r"film_size\[1\]=0: must be 1 to"),
+        ("film_size", (320.0, 200), TypeError, r"film_size\[0\]=320.0: must be a whole number"),
+        ("crop_offset", (-1, 0), ValueError, r"crop_offset\[0\]=-1"),
+        ("crop_offset", 3, TypeError, "crop_offset=3: must be a tuple of 2"),
+        ("crop_size", (311, 50), ValueError, "crop window must lie in the film of 320 pixels"),
+        ("crop_size", (100, True), TypeError, r"crop_size\[1\]=True"),
+        ("x_fov", 0, ValueError, "x_fov=0: must be > 0 and < 180"),
+        ("x_fov", 180.0, ValueError, "x_fov=180.0"),
+        ("x_fov", math.nan, ValueError, "x_fov=nan"),
+        ("x_fov", 10**400, ValueError, "x_fov=1000"),
+        ("x_fov", "40", TypeError, "x_fov='40': must be a number"),
+        ("to_world", ((1.0,) * 4,) * 3, TypeError, "to_world=.*must be a tuple of 4"),
+        ("to_world", ((1.0,) * 3,) * 4, TypeError, r"to_world\[0\]=.*must be a tuple of 4"),
+        ("to_world", ((math.inf,) * 4,) * 4, ValueError, r"to_world\[0\]\[0\]=inf"),
+        ("near_clip", 0.0, ValueError, "near_clip=0.0, far_clip=77.0: must be > 0"),
+        ("far_clip", 0.05, ValueError, "near_clip=0.1, far_clip=0.05"),
+        ("far_clip", math.nan, ValueError, "far_clip=nan"),
+        ("principal_point_offset", (0, math.inf), ValueError, r"principal_point_offset\[1\]=inf"),
+        ("shutter_close", 0.25, ValueError, "shutter_close=0.25: must be >= 0.5"),
+        ("shutter_open", None, TypeError, "shutter_open=None: must be a number"),
+    ],
+)
+def test_a_bad_field_of_a_camera_is_named(field, value, error, text):
+    with pytest.raises(error, match=text):
+        dataclasses.replace(camera(), **{field: value})
+
+
+def test_the_far_plane_may_be_at_infinity():
+    assert dataclasses.replace(camera(), far_clip=math.inf).far_clip == math.inf
+
+
+def test_a_missing_field_is_named():
+    values = camera().to_dict()
+    del values["x_fov"]
+    with pytest.raises(TypeError, match="x_fov: must be given"):
+        Camera.from_dict(values)
