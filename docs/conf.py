@@ -63,12 +63,13 @@ toc_object_entries_show_parents = "hide"
 
 nitpicky = True  # A reference to a name that is not there is an error, ...
 nitpick_ignore_regex = [
-    # ... but types in signatures may be those of other libraries, or private.
+    # ... but types in signatures may be those of other libraries, private, or type variables.
     (
         "py:.*",
-        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|argparse|collections|os|rich|pathlib)\..*|ArrayLike",
+        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|OpenEXR)\..*|ArrayLike"
+        r"|(abc|argparse|collections|dataclasses|os|pathlib|types|typing|typing_extensions)\..*",
     ),
-    ("py:.*", r"(.*\.)?_\w+"),
+    ("py:.*", r"(.*\.)?(_\w+|[A-Z])"),
 ]
 
 # ---------------------------------------------------------------- HTML
@@ -124,22 +125,40 @@ def skip_public(app: Sphinx, what: str, name: str, member: object, *rest: object
     return True if what == "module" and (is_public or is_plugin) else None
 
 
-def find_by_last_part(
+def find_elsewhere(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element
 ) -> nodes.Element | None:
-    """A docstring names what its module imports without the module: ``Window`` is one place."""
+    """What a docstring names is in one place, or with a base class.
+
+    ``Window`` is that of another module that is imported, ``Polygon.points`` may be described with
+    ``Aperture``.
+    """
     if node.get("refdomain") != "py" or node.get("refspecific"):
         return None
     node["refspecific"] = True
-    return env.domains.python_domain.resolve_xref(
-        env, node["refdoc"], app.builder, node["reftype"], node["reftarget"], node, content
-    )
+    target = node["reftarget"]
+    owner, _, member = target.rpartition(".")
+    kind = getattr(potmesil_mi, owner.rpartition(".")[2], None) if owner else None
+    bases = kind.__mro__[1:] if isinstance(kind, type) else ()
+    for name in (target, *(f"{base.__name__}.{member}" for base in bases)):
+        found = env.domains.python_domain.resolve_xref(
+            env, node["refdoc"], app.builder, node["reftype"], name, node, content
+        )
+        if found is not None:
+            return found
+    return None
+
+
+def link_as_files(app: Sphinx, page: str, source: list[str]) -> None:
+    """Pages beside this folder are files here: they are made for reading in the repository."""
+    source[0] = re.sub(r"\]\((?=\.\./(README|CONTRIBUTING)\.md\))", "](path:", source[0])
 
 
 def setup(app: Sphinx) -> None:
     """Directives of this project, and what is done with docstrings."""
     app.connect("autodoc-skip-member", skip_public)
-    app.connect("missing-reference", find_by_last_part)
+    app.connect("missing-reference", find_elsewhere)
+    app.connect("source-read", link_as_files)
     app.connect("autodoc-process-docstring", keep_bars)
     app.add_directive("pluginparameters", PluginParameters)
     app.add_directive("command-help", CommandHelp)

@@ -3,9 +3,37 @@
 import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM  # noqa: F401
 
 # isort: split
+from pathlib import Path
+
 import hypothesis
 import mitsuba as mi
 import pytest
+
+TESTS = Path(__file__).parent
+
+QUICK = (
+    "optics",
+    "samples",
+    "filters",
+    "test_architecture.py",
+    "test_docs.py",
+    "test_spec.py",
+    "tracing/test_buffers.py",
+    "tracing/test_disocclusion.py",
+    "tracing/test_passes.py",
+    "tracing/test_sampling.py",
+)
+"""Folders and files whose tests take milliseconds, apart from those that are marked slow."""
+
+
+@pytest.hookimpl(tryfirst=True)  # Before pytest looks at the marks.
+def pytest_collection_modifyitems(items):
+    """`pytest -m quick`: what is in QUICK and not marked slow."""
+    for item in items:
+        is_quick = any(item.path.is_relative_to(TESTS / place) for place in QUICK)
+        if is_quick and item.get_closest_marker("slow") is None:
+            item.add_marker("quick")
+
 
 hypothesis.settings.register_profile(
     "potmesil_mi", derandomize=True, deadline=None, database=None, max_examples=60

@@ -33,11 +33,10 @@ LONGEST_FUNCTION = 60
 REASON = re.compile(r"\blong(,? because|:)", re.IGNORECASE)
 """What a longer function says in its docstring, or in the comment right above it."""
 
-CONVOLUTION = "potmesil_mi.focusing.convolve"
+CONVOLUTION = "potmesil_mi.optics.convolution"
 TRANSFORMS = {
-    CONVOLUTION: "the slices of a picture and their kernels",
+    CONVOLUTION: "images and their kernels",
     "potmesil_mi.filters.diffraction": "the far field of an aperture",
-    "potmesil_mi.focusing.kernels": "the response of fitted rows",
 }
 """Modules that may transform, and what: all convolutions are made by the first."""
 
@@ -54,19 +53,19 @@ OLD_DIALECT = {
     r"\b_Picture\b": "a compositor",
     r"\bsee_?through\b": "focus_layered",
     r"\bthrough_lens\b": "composite_slices",
-    r"\bspreading\b": "splat, slices, composite",
+    r"\bimport spreading\b|\bspreading\.\w": "splat, slices, composite",
     r"\b[Kk]nots?\b": "kernel radii",
     r"\bdescribed\(|\bimport .*\bdescribed\b": "spec",
     r"\bBRIGHT_BESIDE\b|\bHARDLY\b": "a constant that says what it is",
     r"\bdef seen\b|\bimport .*\bseen\b": "trace_visible",
     r"\bclass Image\b|\bpm\.Image\b": "ImageAperture",
-    r"\bsmeared\b": "a kernel with a variance taken off",
+    r"\bdef without\b|\bimport .*\bwithout\b": "without_variance",
     r"\bpotmesil_mi\.(checks|files|spreading|elements|layered|paper|tables)\b": "the new layout",
 }
 """Private words of before and what stands in their place: see docs/glossary.md."""
 
 OLD_DIALECT_OF_FOCUSING = {
-    r"\b[Ee]lements?\b": "fragments",
+    r"\b[Ee]lements(\s*[=:,)\[]|\.[a-z])|\bElements\b(?! on )": "fragments",
     r"\b[Ss]heets?\b": "slices",
     r"\.(whole|partial|bright)\b(?<!functools.partial)": "unoccluded, occluded, highlights",
 }

@@ -41,18 +41,13 @@ def entries():
     return re.findall(r"^   potmesil_mi\.(\w+)$", text, re.MULTILINE)
 
 
-def test_every_public_name_has_an_entry_in_the_reference():
-    assert sorted(set(pm.__all__) - set(entries())) == []
-
-
-def test_the_reference_has_every_name_once_and_no_other():
+def test_every_public_name_has_one_entry_in_the_reference():
     assert sorted(entries()) == sorted(pm.__all__)
 
 
 @pytest.mark.parametrize("name", pm.__all__)
-def test_every_public_name_has_a_docstring_of_its_own(name):
+def test_every_public_name_has_a_docstring(name):
     assert getattr(pm, name).__doc__
-    assert "Protocol" in str(type(getattr(pm, name))) or getattr(pm, name).__doc__ != object.__doc__
 
 
 def test_every_wing_is_among_the_modules():
@@ -66,6 +61,7 @@ def test_every_wing_is_among_the_modules():
 # ---------------------------------------------------------------- programs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", HOWTOS, ids=lambda page: page.stem)
 def test_the_howto_runs_from_top_to_bottom(page, tmp_path):
     programs = blocks(page, "python")
