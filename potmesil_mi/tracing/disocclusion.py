@@ -1,9 +1,8 @@
 """What a lens sees that its pinhole does not: behind near edges, and beyond the frame.
 
-Point P at depth z appears through the lens point u (in the unit disc) at
-x + R f (1/z - 1/U) u pixels, where R is the aperture's radius, f the distance of the film in
-pixels and U the focused distance. So two depths move against each other by up to
-R f |1/z_1 - 1/z_2| pixels, whatever is in focus.
+Two depths move against each other by up to R f |1/z_1 - 1/z_2| pixels as one looks from the
+points of the lens one after the other, whatever is in focus; R f is the radius per vergence of
+:mod:`potmesil_mi.optics.blur`.
 """
 
 from __future__ import annotations
@@ -16,28 +15,36 @@ import scipy.ndimage
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
+from ..samples.raster import Window
 
 MOST_OVERSCAN = 4
 """Most pixels of a window with overscan, per pixel of the crop window."""
+
+SMALL_WINDOW = 1 << 16
+"""Pixels that a window with overscan may have however small the crop window is."""
 
 GROWTH = 1.5
 """Ratio of the distances at which silhouettes are looked for."""
 
 
-def disoccluded(nearest: np.ndarray, farthest: np.ndarray, scale: float) -> np.ndarray:
+def disoccluded(
+    nearest: np.ndarray, farthest: np.ndarray, radius_per_vergence: float
+) -> np.ndarray:
     """Pixels in which a lens may see something that is hidden from the pinhole.
 
-    ``nearest`` and ``farthest`` are depths, (H, W), of what each pixel shows; ``scale`` is that of
-    :func:`potmesil_mi.optics.blur.radius_per_vergence`. What is hidden in a pixel shows where a
-    farther surface is seen within the parallax of the two depths. Returns bool (H, W).
+    ``nearest`` and ``farthest`` are depths, (H, W), of what each pixel shows;
+    ``radius_per_vergence`` is that of the lens, in pixels. What is hidden in a pixel shows where
+    a farther surface is seen within the parallax of the two depths. Returns bool (H, W).
     """
-    near, far = (np.float32(scale) / depth.astype(np.float32) for depth in (nearest, farthest))
+    near, far = (
+        np.float32(radius_per_vergence) / depth.astype(np.float32) for depth in (nearest, farthest)
+    )
     result = np.zeros(near.shape, dtype=bool)
     distance, before = 1, 0.0
     largest = float(near.max() - far.min())
     while before <= largest + 1 and before < max(near.shape):
         behind = scipy.ndimage.minimum_filter(far, 2 * distance + 1, mode="nearest")
-        # Within a pixel there is no silhouette of less than half a pixel's parallax to be seen.
+        # Within a pixel, the silhouette of a parallax below half a pixel is not to be seen.
         result |= near - behind >= max(before - 1, 0.5)
         before = distance
         distance = max(distance + 1, math.ceil(distance * GROWTH))
@@ -49,20 +56,22 @@ def overscan(
     y: np.ndarray,
     z: np.ndarray,
     spacing: float,
-    crop: tuple[int, int, int, int],
+    crop: Window,
     lens: ThinLens,
     camera: Camera,
-) -> tuple[int, int, int, int]:
+) -> Window:
     """The window beyond which nothing can spread light into the crop window.
 
     ``x``, ``y`` (N,) are positions in pixels of the film, ``spacing`` apart, and ``z`` the depths
-    seen there; ``crop`` and the result are left, top, width and height in pixels. Counted is
-    every focus between the depths in the crop window, and that of the lens.
+    that rays through them meet; ``crop`` is the crop window. Every focus between the depths in
+    the crop window is counted, and the lens's own. The window has at most ``MOST_OVERSCAN`` times
+    the pixels of the crop window, or ``SMALL_WINDOW``.
     """
-    left, top, width, height = crop
-    beside = np.maximum(np.maximum(left - x, x - (left + width)), 0.0)
-    above = np.maximum(np.maximum(top - y, y - (top + height)), 0.0)
-    distance = np.hypot(beside, above)
+    beyond = (crop.left - x, x - crop.right, crop.top - y, y - crop.bottom)
+    distance = np.hypot(
+        np.maximum(np.maximum(beyond[0], beyond[1]), 0.0),
+        np.maximum(np.maximum(beyond[2], beyond[3]), 0.0),
+    )
     vergence = 1 / z.astype(np.float64)
     inside = vergence[distance == 0]
     focused = 1 / float(lens.plain().focus_distance)
@@ -71,15 +80,18 @@ def overscan(
     scale = widest_radius_per_vergence(lens, camera, 1 / most if most > 0 else math.inf)
     reaches = scale * np.maximum(vergence - least, most - vergence) >= distance
     sides = []
-    for beyond in (left - x, x - (left + width), top - y, y - (top + height)):
-        seen = beyond[reaches & (beyond > 0)]
-        sides.append(math.ceil(float(seen.max()) + spacing) if seen.size else 0)
-    most = max(MOST_OVERSCAN * width * height, 1 << 16)
-    while (width + sides[0] + sides[1]) * (height + sides[2] + sides[3]) > most:
+    for outwards in beyond:
+        reaching = outwards[reaches & (outwards > 0)]
+        sides.append(math.ceil(float(reaching.max()) + spacing) if reaching.size else 0)
+    return _bounded(crop, sides)
+
+
+def _bounded(crop: Window, sides: list[int]) -> Window:
+    """The crop window with overscan of so many pixels left, right, above and below, or fewer."""
+    most = max(MOST_OVERSCAN * crop.size, SMALL_WINDOW)
+    while True:
+        left, right, above, below = sides
+        width, height = crop.width + left + right, crop.height + above + below
+        if width * height <= most:
+            return Window(crop.left - left, crop.top - above, width, height)
         sides = [side * 3 // 4 for side in sides]
-    return (
-        left - sides[0],
-        top - sides[2],
-        width + sides[0] + sides[1],
-        height + sides[2] + sides[3],
-    )

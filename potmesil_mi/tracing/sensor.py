@@ -27,7 +27,11 @@ class LensSensor(Protocol):
 
 
 def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
-    """The sensor itself, or the scene's sensor of that number."""
+    """The sensor itself, or the scene's sensor of that number.
+
+    Raises ``TypeError`` for other than a sensor or a number, ``ValueError`` for a number that the
+    scene does not have.
+    """
     if isinstance(sensor, mi.Sensor):
         return sensor
     if not isinstance(sensor, int):
@@ -50,7 +54,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
     A ``potmesil`` sensor keeps its other parameters. A ``thinlens`` keeps its field of view,
     aperture and focus; a ``perspective`` its field of view, with an f-number of ``inf`` unless
     one is given; both are taken as scenes in metres (``millimeters_per_unit`` 1000) on a frame
-    36 mm wide. A sensor's own ``srf``, which Mitsuba does not tell, is lost. Raises ``TypeError``
+    36 mm wide. A sensor's own ``srf`` is lost, for Mitsuba does not tell it. Raises ``TypeError``
     for any other sensor, ``ValueError`` for bad parameters.
     """
     if isinstance(sensor, LensSensor):
@@ -71,7 +75,10 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
         thin_lens = _lens_of(parameters, lens)
         to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
         clip = {name: float(parameters[name]) for name in ("near_clip", "far_clip")}
-        offset = tuple(_item(parameters, f"principal_point_offset_{axis}", 0.0) for axis in "xy")
+        offset = (
+            _item(parameters, "principal_point_offset_x", 0.0),
+            _item(parameters, "principal_point_offset_y", 0.0),
+        )
     replacement = mi.load_dict(
         {
             "type": "potmesil",
@@ -95,7 +102,8 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
 def sensor_parameters(lens: ThinLens) -> dict[str, Any]:
     """The lens as the parameters of the sensor ``potmesil``, numbers and text.
 
-    Where the film is, is called ``image_distance`` there: a sensor's ``film`` is what has pixels.
+    Its parameter ``image_distance`` is the lens's ``film``, for the ``film`` of a sensor is what
+    has pixels.
     """
     parameters = lens.to_dict()
     parameters["image_distance"] = parameters.pop("film")
@@ -116,14 +124,15 @@ def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:
     known.update(lens)
     fov = _item(parameters, "x_fov")
     if "aperture_radius" in known and known.keys().isdisjoint({"focal_length", "frame_width"}):
-        # Field of view, aperture and focus make the picture. The frame only must leave the
-        # focus outside the focal length, which that of a small scene in metres may not do.
+        # Field of view, aperture and focus make the picture. The frame must only be so narrow that
+        # the focal length is less than the focus, which may be millimetres in a small scene.
         focused = known.get("focus_distance", math.inf) * known["millimeters_per_unit"]
         known["frame_width"] = min(FULL_FRAME_WIDTH, math.tan(math.radians(fov) / 2) * focused)
     return ThinLens.of_field_of_view(fov, **known)
 
 
 def _item(parameters: mi.SceneParameters, name: str, default: float | None = None) -> float:
+    """A parameter as a Python number, or ``default`` where the sensor has none of that name."""
     if default is not None and name not in parameters:
         return default
     return float(np.array(parameters[name]).ravel()[0])

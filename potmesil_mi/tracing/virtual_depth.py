@@ -1,14 +1,15 @@
-"""How deep things are that a camera sees in mirrors and through panes: the depth of the image.
+"""Virtual depth: a camera sees the image in a mirror or behind a pane, and the image has a depth.
 
-A lens focuses on the image of what a mirror shows, not on the mirror. Here the primary rays are
-followed to what they show, and two neighbours of each along with them (H. Igehy, *Tracing ray
-differentials*, SIGGRAPH 1999): one that starts elsewhere in the lens and one in another
-direction. They tell where rays from all over the lens have to aim to meet there too.
+A lens focuses on the image of what a mirror shows, not on the mirror. Primary rays are followed
+here to what they show, and with each go two neighbours (H. Igehy, *Tracing ray differentials*,
+SIGGRAPH 1999): one starts elsewhere in the lens, the other goes in another direction. They tell
+where rays from all over the lens have to aim to meet there too.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -16,19 +17,21 @@ import mitsuba as mi
 from .._validation import require_whole
 
 STEP = 1e-3
-"""How far from a ray the curvature of mirrors is probed, as a share of the ray's length: the
-size of a pixel or so, and far above the error of single precision."""
+"""How far from a ray the curvature of a mirror is probed, as a share of the ray's length. It is
+about the size of a pixel, and far above the error of single precision."""
 
-FLAT, CREASE = 5e-7, 0.3
-"""Normals a step apart that differ by less are the same but for the rounding of single precision,
-by more those of an edge and no curvature."""
+FLAT = 5e-7
+"""Normals a step apart that differ by less differ by the rounding of single precision only."""
+
+CREASE = 0.3
+"""Normals a step apart that differ by more lie on two sides of an edge, which is no curvature."""
 
 
 def has_specular(scene: mi.Scene) -> bool:
-    """Whether the scene may have surfaces that :func:`seen` follows rays at.
+    """Whether the scene may have surfaces at which :func:`trace_visible` goes on.
 
-    Decided on the host from the flags of the BSDFs, which include those of what is nested in
-    them. An instance, which does not tell what it is made of, counts as one.
+    The host decides it from the flags of the BSDFs, which include the flags of nested ones. An
+    instance counts as such a surface, for it does not tell what it is made of.
     """
     return any(
         shape.class_name() == "Instance"
@@ -37,7 +40,53 @@ def has_specular(scene: mi.Scene) -> bool:
     )
 
 
-def seen(
+class Visible(NamedTuple):
+    """What primary rays show, one element for each.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``depth``                     depth in scene units along the axis, > 0
+    ``hit``                       the surface that is seen, invalid where there is none
+    ``mirrored``                  whether it is seen in a mirror
+    ============================  ==========================================================
+    """
+
+    depth: mi.Float
+    hit: mi.SurfaceInteraction3f
+    mirrored: mi.Bool
+
+
+@dataclasses.dataclass
+class _Path:
+    """The state of paths that are followed through mirrors and panes, with their neighbours.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``active``                    whether the path may go on
+    ``count``                     surfaces at which it went on
+    ``mirrored``                  whether a mirror turned it
+    ``length``                    its length from the pinhole, in scene units
+    ``direction``                 its unit direction
+    ``hit``                       where it is
+    ``points``, ``directions``    derivatives of its point and its direction, four each: by the
+                                  two coordinates of where it leaves the lens, and by the two at
+                                  depth 1 of where it is aimed from there
+    ============================  ==========================================================
+    """
+
+    active: mi.Bool
+    count: mi.UInt32
+    mirrored: mi.Bool
+    length: mi.Float
+    direction: mi.Vector3f
+    hit: mi.SurfaceInteraction3f
+    points: list[mi.Vector3f]
+    directions: list[mi.Vector3f]
+
+
+def trace_visible(
     scene: mi.Scene,
     origin: mi.Point3f,
     ray: mi.Ray3f,
@@ -45,8 +94,8 @@ def seen(
     axis: mi.Vector3f,
     *,
     bounces: int = 8,
-) -> tuple[mi.Float, mi.SurfaceInteraction3f, mi.Bool]:
-    """Depth of what primary rays show, mirrors and panes followed up to ``bounces`` of them.
+) -> Visible:
+    """Depth of what primary rays show, behind at most ``bounces`` mirrors and panes.
 
     ``origin`` is the pinhole and ``axis`` the unit vector along which it looks, in the world;
     ``ray`` are rays away from it of unit direction, and ``hit`` is what each meets first.
@@ -58,80 +107,92 @@ def seen(
     - in the mirror's direction, where the BSDF does nothing but reflect as a mirror (also one
       that lets a smaller half pass, like a ``thindielectric`` at a grazing angle).
 
-    Anything else ends it and so does a lamp, at its front: what is refracted, glossy or diffuse
-    has the depth of its surface.
+    Anything else ends the path, and so does the front of a lamp: what is refracted, glossy or
+    diffuse has the depth of its surface.
 
-    Returns the depth in scene units along the axis, which a thin lens at the pinhole has to be
-    focused at for the path's end to be sharp; the last hit, invalid where nothing was; and
-    whether a mirror turned the path. Unmirrored, the depth is that of the last hit, and
-    ``inf`` of nothing; plane mirrors make it that of the unfolded path. Of the image in a curved
-    mirror it is the point from which the light seems to come; where the mirror is astigmatic,
-    that of the mean of 1/depth over all directions, for the circle of confusion goes with it.
-    What lies infinitely far is seen behind a convex mirror at a finite depth, with an invalid
-    hit. ``inf`` stands for all images that are no nearer than infinity: light that reaches the
-    lens converging, to a point behind it.
+    The depth is the one, along the axis, to which a thin lens at the pinhole has to be focused
+    for the path's end to be sharp:
 
-    The curvature is that of the shading normals a pixel or so around; bumps turn the path but do
+    - without a mirror, the depth of the last hit, and ``inf`` where nothing was hit;
+    - in plane mirrors, the depth of the unfolded path;
+    - in a curved mirror, the depth of the point from which the light seems to come. An
+      astigmatic mirror has the mean of 1/depth over all directions, since the circle of
+      confusion is affine in it. A convex mirror shows what is infinitely far at a finite depth,
+      with an invalid hit;
+    - ``inf`` for every image that is no nearer than infinity: its light reaches the lens
+      converging, to a point behind it.
+
+    Curvature is that of the shading normals a pixel or so around; bumps turn the path but do
     not count as curvature. Raises ``ValueError`` or ``TypeError`` for bad ``bounces``.
     """
     require_whole("bounces", bounces, 0, 2**16)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
     if not has_specular(scene):
-        return _depth(origin, axis, hit), mi.SurfaceInteraction3f(hit), mi.Bool(False)
-    # How the ray's point and direction move with the two coordinates of the point where it
-    # leaves the lens, and with those at depth 1 of where it is aimed from there.
+        return Visible(_depth(origin, axis, hit), mi.SurfaceInteraction3f(hit), mi.Bool(False))
+    start = _start(origin, ray, hit, axis)
+    (end,) = dr.while_loop(
+        (start,),
+        lambda path: path.active & (path.count < bounces),
+        lambda path: (_step(scene, path),),
+    )
+    depth = dr.select(end.mirrored, _image_depth(end), _depth(origin, axis, end.hit))
+    return Visible(depth, end.hit, end.mirrored)
+
+
+def _start(
+    origin: mi.Point3f, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, axis: mi.Vector3f
+) -> _Path:
+    """The paths at what the primary rays meet first."""
     across = mi.coordinate_system(axis)
     cosine = dr.dot(ray.d, axis)
     aimed = [cosine * (v - dr.dot(v, ray.d) * ray.d) for v in across]
     length = dr.select(hit.is_valid(), dr.norm(hit.p - origin), 0)
-    state = {
-        "active": _is_worth_a_step(hit),
-        "count": mi.UInt32(0),
-        "mirrored": mi.Bool(False),
-        "length": length,
-        "direction": mi.Vector3f(ray.d),
-        "hit": mi.SurfaceInteraction3f(hit),
-        "points": [mi.Vector3f(v) for v in across] + [length * v for v in aimed],
-        "directions": [mi.Vector3f(0), mi.Vector3f(0), *aimed],
-    }
+    return _Path(
+        active=_is_worth_a_step(hit),
+        count=mi.UInt32(0),
+        mirrored=mi.Bool(False),
+        length=length,
+        direction=mi.Vector3f(ray.d),
+        hit=mi.SurfaceInteraction3f(hit),
+        points=[mi.Vector3f(v) for v in across] + [length * v for v in aimed],
+        directions=[mi.Vector3f(0), mi.Vector3f(0), *aimed],
+    )
 
-    def on(s: dict[str, Any]) -> tuple[dict[str, Any]]:
-        here, d = s["hit"], s["direction"]
-        straight, mirror, reflected = _onward(here, s["active"])
-        goes = straight | mirror
-        points, directions = _reflected(scene, s, reflected, mirror)
-        d = dr.select(mirror, reflected, d)
-        there = scene.ray_intersect(here.spawn_ray(d), goes)
-        step = dr.select(goes & there.is_valid(), dr.norm(there.p - here.p), 0)
-        return (
-            {
-                "active": goes & _is_worth_a_step(there),
-                "count": s["count"] + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
-                "mirrored": s["mirrored"] | mirror,
-                "length": s["length"] + step,
-                "direction": d,
-                "hit": dr.select(goes, there, here),
-                "points": [p + step * v for p, v in zip(points, directions, strict=True)],
-                "directions": directions,
-            },
-        )
 
-    (end,) = dr.while_loop((state,), lambda s: s["active"] & (s["count"] < bounces), on)
-    depth = dr.select(end["mirrored"], _image_depth(end), _depth(origin, axis, end["hit"]))
-    return depth, end["hit"], end["mirrored"]
+def _step(scene: mi.Scene, path: _Path) -> _Path:
+    """The paths at what they meet next."""
+    here = path.hit
+    straight, mirror, reflected = _onward(here, path.active)
+    goes = straight | mirror
+    points, directions = _reflected(scene, path, reflected, mirror)
+    direction = dr.select(mirror, reflected, path.direction)
+    there = scene.ray_intersect(here.spawn_ray(direction), goes)
+    step = dr.select(goes & there.is_valid(), dr.norm(there.p - here.p), 0)
+    return _Path(
+        active=goes & _is_worth_a_step(there),
+        count=path.count + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
+        mirrored=path.mirrored | mirror,
+        length=path.length + step,
+        direction=direction,
+        hit=dr.select(goes, there, here),
+        points=[p + step * v for p, v in zip(points, directions, strict=True)],
+        directions=directions,
+    )
 
 
 def passes_straight(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-    """Where :func:`seen` goes straight on: panes, and what is cut out by a mask."""
+    """Where :func:`trace_visible` goes straight on: panes, and what is cut out by a mask."""
     active = active & _is_worth_a_step(hit)
     return active & _onward(hit, active)[0]
 
 
 def _depth(origin: mi.Point3f, axis: mi.Vector3f, hit: mi.SurfaceInteraction3f) -> mi.Float:
+    """Depth of a hit along ``axis``; ``inf`` where nothing was hit."""
     return dr.select(hit.is_valid(), dr.dot(hit.p - origin, axis), dr.inf)
 
 
 def _only_specular(flags: Any) -> Any:
+    """Whether a BSDF of such flags, a number or an array, scatters into no more than points."""
     return (flags & (int(mi.BSDFFlags.Smooth) | int(mi.BSDFFlags.Delta1D))) == 0
 
 
@@ -142,7 +203,7 @@ def _may_go_on(flags: Any) -> Any:
 
 
 def _is_worth_a_step(hit: mi.SurfaceInteraction3f) -> mi.Bool:
-    """The paths that may go on: the others should cost next to nothing."""
+    """Which paths may go on: only their BSDFs are sampled, so that others cost next to nothing."""
     lamp = hit.shape.is_emitter() & (mi.Frame3f.cos_theta(hit.wi) > 0)
     return hit.is_valid() & ~lamp & _may_go_on(hit.bsdf().flags())
 
@@ -164,16 +225,16 @@ def _onward(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Bool, mi.
 
 
 def _reflected(
-    scene: mi.Scene, s: dict[str, Any], reflected: mi.Vector3f, active: mi.Bool
+    scene: mi.Scene, path: _Path, reflected: mi.Vector3f, active: mi.Bool
 ) -> tuple[list[mi.Vector3f], list[mi.Vector3f]]:
-    """How the neighbours' points and directions differ behind the mirror; Igehy, section 3.1.3."""
-    hit, d = s["hit"], s["direction"]
+    """Derivatives of points and directions behind the mirror (Igehy, section 3.1.3)."""
+    hit, d = path.hit, path.direction
     normal = dr.normalize(reflected - d)
     normal = dr.mulsign(normal, dr.dot(normal, hit.sh_frame.n))
     across = mi.coordinate_system(d)
-    turns = [_turn(scene, s, v, active) for v in across]
+    turns = [_turn(scene, path, v, active) for v in across]
     points, directions = [], []
-    for p, v in zip(s["points"], s["directions"], strict=True):
+    for p, v in zip(path.points, path.directions, strict=True):
         turn = dr.dot(p, across[0]) * turns[0] + dr.dot(p, across[1]) * turns[1]
         toward = dr.dot(v, normal) + dr.dot(d, turn)
         v_reflected = v - 2 * (toward * normal + dr.dot(d, normal) * turn)
@@ -183,14 +244,14 @@ def _reflected(
     return points, directions
 
 
-def _turn(scene: mi.Scene, s: dict[str, Any], across: mi.Vector3f, active: mi.Bool) -> mi.Vector3f:
-    """The mirror's normal's derivative for rays that move along ``across``, per scene unit.
+def _turn(scene: mi.Scene, path: _Path, across: mi.Vector3f, active: mi.Bool) -> mi.Vector3f:
+    """Derivative of the mirror's normal as a ray moves along ``across``, per scene unit.
 
-    Measured, since Mitsuba's own is wrong for meshes with texture coordinates. Beyond an edge
-    there is nothing to measure; without both neighbours the mirror is taken for a plane one.
+    It is measured, for Mitsuba's own is wrong for meshes with texture coordinates. Beyond an edge
+    there is nothing to measure; a mirror without both neighbours counts as plane.
     """
-    hit, d = s["hit"], s["direction"]
-    step = STEP * s["length"]
+    hit, d = path.hit, path.direction
+    step = STEP * path.length
     back = hit.p - d * dr.minimum(20 * step, 0.9 * hit.t)
     change, width = mi.Vector3f(0), mi.Float(0)
     for sign in (-1, 1):
@@ -204,16 +265,16 @@ def _turn(scene: mi.Scene, s: dict[str, Any], across: mi.Vector3f, active: mi.Bo
     return dr.select((width > 0) & (dr.norm(change) > FLAT), change / width, 0)
 
 
-def _image_depth(s: dict[str, Any]) -> mi.Float:
-    """Depth at which rays of the whole lens have to be aimed to meet at the end of the path.
+def _image_depth(path: _Path) -> mi.Float:
+    """Depth to which rays from the whole lens have to be aimed to meet at the path's end.
 
-    With the displacement there dQ = A do + B dm of a ray that leaves the lens do away and is
-    aimed dm apart at depth 1, rays that meet have dm = -B^-1 A do, and pass the image's depth z
-    at do + z dm = 0: 1/z is an eigenvalue of B^-1 A, and their mean half its trace.
+    A ray that leaves the lens do away, and is aimed dm apart at depth 1, ends dQ = A do + B dm
+    away. Rays that meet have dm = -B^-1 A do; they pass the image, at depth z, where
+    do + z dm = 0. So 1/z is an eigenvalue of B^-1 A, and the mean of both is half its trace.
     """
-    basis = mi.coordinate_system(s["direction"])
-    far = ~s["hit"].is_valid()
-    ends = [dr.select(far, v, p) for p, v in zip(s["points"], s["directions"], strict=True)]
+    basis = mi.coordinate_system(path.direction)
+    far = ~path.hit.is_valid()
+    ends = [dr.select(far, v, p) for p, v in zip(path.points, path.directions, strict=True)]
     (a00, a01, b00, b01), (a10, a11, b10, b11) = ([dr.dot(e, v) for e in ends] for v in basis)
     depth = 2 * (b00 * b11 - b01 * b10) / (b11 * a00 - b01 * a10 - b10 * a01 + b00 * a11)
     return dr.select(depth > 0, depth, dr.inf)

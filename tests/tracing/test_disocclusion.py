@@ -5,7 +5,14 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.optics.blur import radius_per_vergence, widest_radius_per_vergence
-from potmesil_mi.tracing.disocclusion import GROWTH, MOST_OVERSCAN, disoccluded, overscan
+from potmesil_mi.samples.raster import Window
+from potmesil_mi.tracing.disocclusion import (
+    GROWTH,
+    MOST_OVERSCAN,
+    SMALL_WINDOW,
+    disoccluded,
+    overscan,
+)
 from scenes import synthetic
 
 LENSES = {
@@ -108,7 +115,7 @@ def test_an_edge_within_a_pixel_counts():
 
 # ---------------------------------------------------------------- overscan
 
-CROP = (100, 80, 60, 40)
+CROP = Window(100, 80, 60, 40)
 CAMERA = synthetic(1).camera
 
 
@@ -177,6 +184,6 @@ def test_overscan_allows_for_every_focus_within_the_scene():
 def test_overscan_is_bounded():
     x, y = probes()
     window = overscan(x, y, np.full_like(x, 1.0), 1.0, CROP, lens_of(1e6), CAMERA)
-    assert window[2] * window[3] <= max(MOST_OVERSCAN * CROP[2] * CROP[3], 1 << 16)
+    assert window[2] * window[3] <= max(MOST_OVERSCAN * CROP[2] * CROP[3], SMALL_WINDOW)
     assert window[2] > 2 * CROP[2]
     assert window[3] > 2 * CROP[3]

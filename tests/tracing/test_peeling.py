@@ -7,7 +7,6 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.optics.blur import widest_radius_per_vergence
 from potmesil_mi.tracing.disocclusion import GROWTH
-from potmesil_mi.tracing.shapes import closed_shapes, surface_ids
 from scenes import LENS, diffuse
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -444,43 +443,3 @@ def test_pictures_at_the_border_agree_with_the_middle_of_a_larger_one(method):
         errors[name] = np.abs(image - middle)[:, -4:].mean()
     assert errors["automatic"] < 0.025
     assert errors["none"] > 3 * errors["automatic"]
-
-
-# ---------------------------------------------------------------- closed shapes
-
-
-def strip_of(faces):
-    """A tetrahedron's mesh, of which some faces may be left out."""
-    mesh = mi.Mesh("tetrahedron", 4, len(faces))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
-    parameters["faces"] = np.array(faces, dtype=np.uint32).ravel()
-    parameters.update()
-    return mesh
-
-
-TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-
-
-@pytest.mark.parametrize(
-    ("shape", "closed"),
-    [
-        ({"type": "sphere"}, True),
-        ({"type": "cylinder"}, True),
-        ({"type": "cube"}, True),
-        ({"type": "rectangle"}, False),
-        ({"type": "disk"}, False),
-        (TETRAHEDRON, True),
-        (TETRAHEDRON[:3], False),
-        ([*TETRAHEDRON[:3], [0, 2, 3]], False),
-    ],
-    ids=["sphere", "cylinder", "cube", "rectangle", "disk", "mesh", "open", "twisted"],
-)
-def test_closed_shapes_are_told_from_open_ones_and_their_inside_from_the_outside(shape, closed):
-    shape = shape if isinstance(shape, dict) else strip_of(shape)
-    scene = mi.load_dict({"type": "scene", "thing": shape, "other": {"type": "rectangle"}})
-    ids, surfaces = surface_ids(scene)
-    table = dict(zip(np.array(ids).tolist(), np.array(closed_shapes(scene)).tolist(), strict=True))
-    found = {surfaces[i]: value for i, value in table.items() if i > 0}
-    assert [value for name, value in found.items() if name != "other"] == [closed]
-    assert found["other"] == 0

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.tracing import hidden_surface
-from scenes import papers_scene, pinhole_mean, still_life
+from potmesil_mi.tracing import passes
+from scenes import pinhole_mean, still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -55,7 +55,7 @@ def test_other_variants_give_the_radiance_of_mi_render(variant):
 def test_passes_of_some_pixels_sample_the_same_film(monkeypatch, pixels):
     scene = still_life(spp=64)
     whole = pm.render_samples(scene)
-    monkeypatch.setattr(hidden_surface, "WAVEFRONT", 64 * pixels)
+    monkeypatch.setattr(passes, "WAVEFRONT", 64 * pixels)
     in_passes = pm.render_samples(scene)
     assert in_passes.window == whole.window
     np.testing.assert_array_equal(in_passes.visible().pixel(), whole.visible().pixel())
@@ -103,140 +103,6 @@ def test_positions_stay_in_their_pixel_on_a_wide_film():
     samples = pm.render_samples(scene, integrator=depth, sampling=pm.Sampling(**PRIMARY))
     pixels = np.repeat(np.arange(3000 * 2), 256)
     np.testing.assert_array_equal(samples.pixel(), pixels)
-
-
-# ---------------------------------------------------------------- surfaces
-
-
-def test_surface_ids_are_stable_from_load_to_load():
-    first, second = (pm.render_samples(papers_scene(16, spp=1)).replace() for _ in range(2))
-    assert first.surfaces == {1: "background", 2: "cube", 3: "sphere"}
-    assert second.surfaces == first.surfaces
-    np.testing.assert_array_equal(first.surface, second.surface)
-
-
-def test_shapes_without_names_are_told_apart_by_their_place():
-    text = """<scene version="3.0.0"><integrator type="depth"/>
-        <sensor type="potmesil"><float name="f_number" value="2"/></sensor>
-        <shape type="sphere"><point name="center" x="{}" y="0" z="9"/></shape>
-        <shape type="sphere"><point name="center" x="{}" y="0" z="9"/></shape></scene>"""
-    columns = [
-        pm.render_samples(mi.load_string(text.format(*x)), spp=1) for x in ((-2, 2), (2, -2))
-    ]
-    assert columns[0].surfaces == {1: "Sphere_1", 2: "Sphere_2"}
-    np.testing.assert_array_equal(columns[0].surface, columns[1].surface)
-
-
-def test_an_instance_is_one_surface():
-    scene = still_life(
-        spp=4,
-        group={"type": "shapegroup", "a": {"type": "sphere", "radius": 0.2}},
-        ball={
-            "type": "instance",
-            "to_world": mi.ScalarTransform4f().translate([0, 0, 2]),
-            "shapegroup": {"type": "ref", "id": "group"},
-        },
-    )
-    samples = pm.render_samples(scene)
-    seen = {samples.surfaces[i] for i in np.unique(samples.surface[samples.surface > 0])}
-    assert seen == {"ball", "wall"}
-
-
-# ---------------------------------------------------------------- patterns
-
-
-@pytest.mark.parametrize("margin", [0, 3])
-def test_the_papers_grid_has_corners_edges_and_centres(margin):
-    sampling = pm.Sampling("uniform", layers=1, overscan=margin)
-    samples = pm.render_samples(still_life(spp=1), sampling=sampling)
-    columns, rows = 2 * (24 + 2 * margin) + 1, 2 * (16 + 2 * margin) + 1
-    assert len(samples) == columns * rows
-    assert set(np.unique(samples.x)) == set(np.arange(columns) / 2 - margin)
-    assert set(np.unique(samples.y)) == set(np.arange(rows) / 2 - margin)
-    assert (samples.weight == 0.25).all()
-
-
-def test_many_paths_at_a_point_of_the_grid_are_averaged():
-    scene = still_life(lamp={"type": "constant"})
-    grid = pm.Sampling("uniform", **PRIMARY)
-    spread = [pm.render_samples(scene, spp=spp, sampling=grid).rgb[:, 0].std() for spp in (1, 256)]
-    few, many = (pm.render_samples(scene, spp=spp, sampling=grid) for spp in (1, 256))
-    assert len(few) == len(many)
-    np.testing.assert_array_equal(few.z, many.z)
-    assert spread[1] < spread[0]
-
-
-def test_adaptive_subdivision_goes_where_intensities_differ():
-    scene = papers_scene(48, spp=1)
-    sampling = pm.Sampling("adaptive", subdivisions=2, **PRIMARY)
-    samples = pm.render_samples(scene, sampling=sampling)
-    corners, all_points = 49 * 49, (4 * 48 + 1) ** 2
-    assert corners < len(samples) < all_points / 3
-    level = np.where((samples.x % 1 == 0) & (samples.y % 1 == 0), 0, 1)
-    on_background = samples.surface == 1
-    assert level[~on_background].mean() > level[on_background].mean()
-    assert len(np.unique(np.stack([samples.x, samples.y]), axis=1).T) == len(samples)
-
-
-@pytest.mark.parametrize(("threshold", "lattice"), [(0.0, 4), (2.0, 1)])
-def test_the_threshold_decides_on_subdivision(threshold, lattice):
-    scene = still_life(spp=4, lamp={"type": "constant"}, integrator={"type": "direct"})
-    sampling = pm.Sampling("adaptive", threshold=threshold, subdivisions=2, **PRIMARY)
-    samples = pm.render_samples(scene, sampling=sampling)
-    if threshold > 1:
-        assert len(samples) == 25 * 17
-    else:
-        assert len(samples) > 25 * 17 * lattice
-
-
-@pytest.mark.parametrize("margin", [0, 5])
-def test_adaptive_weights_add_up_to_the_film(margin):
-    sampling = pm.Sampling("adaptive", layers=1, overscan=margin)
-    samples = pm.render_samples(papers_scene(32, spp=1), sampling=sampling)
-    border_x = np.isin(samples.x, (-margin, 32 + margin))
-    border_y = np.isin(samples.y, (-margin, 32 + margin))
-    inside = samples.weight / (1 + border_x) / (1 + border_y)
-    assert inside.sum() == pytest.approx((32 + 2 * margin) ** 2, rel=1e-5)
-
-
-@pytest.mark.parametrize("method", ["paper", "layered", "lightfield"])
-def test_adaptive_pictures_come_close_to_many_samples_with_few(method):
-    scene = papers_scene(48, spp=256)
-    reference = pinhole_mean(pm.render_samples(scene, sampling=pm.Sampling(**PRIMARY)))
-    options = {"inverse_square": False} if method == "paper" else {}
-    errors = []
-    for subdivisions in (0, 3):
-        sampling = pm.Sampling("adaptive", threshold=0.02, subdivisions=subdivisions)
-        samples = pm.render_samples(scene, spp=1, sampling=sampling)
-        pinhole = samples.lens.replace(f_number=np.inf)
-        image = np.array(pm.focus(samples, pinhole, method=method, **options))
-        errors.append(np.sqrt(np.mean((image - reference) ** 2)))
-    assert errors[1] < errors[0] / 1.5
-
-
-@pytest.mark.parametrize(
-    ("sampling", "text"),
-    [
-        ({"pattern": "hexagonal"}, "pattern='hexagonal'.*sampler, uniform, adaptive"),
-        ({"threshold": -0.1}, "threshold=-0.1"),
-        ({"threshold": "low"}, "threshold='low'"),
-        ({"threshold": np.nan}, "threshold=nan"),
-        ({"subdivisions": 9}, "subdivisions=9"),
-        ({"subdivisions": 1.5}, r"subdivisions=1\.5"),
-        ({"layers": 0}, "layers=0.*1 to 16"),
-        ({"layers": 17}, "layers=17"),
-        ({"layers": 1.5}, r"layers=1\.5"),
-        ({"overscan": -1}, "overscan=-1"),
-        ({"overscan": 2.5}, r"overscan=2\.5"),
-        ({"min_f_number": 0}, "min_f_number=0"),
-        ({"min_f_number": np.nan}, "min_f_number=nan"),
-        ({"min_f_number": "wide"}, "min_f_number='wide'"),
-        ({"virtual_depth": 1}, "virtual_depth=1"),
-    ],
-)
-def test_a_bad_pattern_is_named(sampling, text):
-    with pytest.raises((ValueError, TypeError), match=text):
-        pm.Sampling(**sampling)
 
 
 # ---------------------------------------------------------------- what cannot be sampled

@@ -1,0 +1,142 @@
+"""Primary rays: through the pinhole, to what they show and with what radiance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..samples.raster import Window
+from .buffers import Traced
+from .passes import Passes
+from .shapes import registry_index
+from .virtual_depth import Visible, trace_visible
+
+
+@dataclasses.dataclass(frozen=True)
+class PrimaryRays:
+    """The primary rays of one run over a scene.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``scene``                     what is looked at
+    ``sensor``                    the ``potmesil`` sensor, through whose pinhole rays go
+    ``integrator``                what gives the radiance
+    ``passes``                    where random numbers come from
+    ``crop``                      the crop window of the sensor's film
+    ``surfaces``                  ids of surfaces by index in Dr.Jit's registry; see
+                                  :func:`potmesil_mi.tracing.shapes.surface_ids`
+    ``follows_mirrors``           whether depth is that of the image in a mirror
+    ============================  ==========================================================
+    """
+
+    scene: mi.Scene
+    sensor: mi.Sensor
+    integrator: mi.SamplingIntegrator
+    passes: Passes
+    crop: Window
+    surfaces: mi.UInt32
+    follows_mirrors: bool
+
+    def trace(self, position: mi.Point2f) -> Traced:
+        """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
+
+        The sampler is asked in the order in which Mitsuba's own integrators ask it, so that
+        the rays and the radiance are theirs.
+        """
+        ray, ray_weight = self.sampled(position)
+        visible = self.visible(mi.Ray3f(ray))
+        return self.shaded(ray, ray_weight, visible.depth, visible.hit, mi.Bool(True))
+
+    def sampled(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray through ``position`` and its weight; the sampler gives time and wavelengths."""
+        sensor, sampler = self.sensor, self.passes.sampler
+        time = sensor.shutter_open()
+        if sensor.shutter_open_time() > 0:
+            time += sampler.next_1d() * sensor.shutter_open_time()
+        wavelength_sample = sampler.next_1d() if mi.is_spectral else mi.Float(0)
+        return self.through(position, wavelength_sample, time)
+
+    def through(
+        self, position: mi.Point2f, wavelength_sample: mi.Float, time: mi.Float
+    ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray through ``position``, in pixels of the film, and its weight."""
+        scale = dr.rcp(mi.ScalarVector2f((self.crop.width, self.crop.height)))
+        offset = -mi.ScalarVector2f((self.crop.left, self.crop.top)) * scale
+        ray, weight = self.sensor.sample_ray_differential(
+            time, wavelength_sample, dr.fma(position, scale, offset), mi.Point2f(0.5)
+        )
+        ray.scale_differential(dr.rsqrt(mi.ScalarFloat(self.passes.spp)))
+        return ray, weight
+
+    def visible(self, ray: mi.Ray3f) -> Visible:
+        """What a primary ray shows first: in a mirror or behind a pane, if these are followed."""
+        return self.visible_at(ray, self._first_hit(ray))
+
+    def visible_at(self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f) -> Visible:
+        """What ``hit`` of a primary ray shows: the image in it, if that is a mirror or a pane."""
+        if not self.follows_mirrors:
+            return Visible(self.depth(hit), hit, mi.Bool(False))
+        to_world = self.sensor.world_transform()
+        axis = to_world @ mi.Vector3f(0, 0, 1)
+        return trace_visible(self.scene, to_world @ mi.Point3f(0), ray, hit, axis)
+
+    def depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
+        """Depth of a hit, along the camera's axis; ``inf`` where nothing was hit."""
+        depth = (self.sensor.world_transform().inverse() @ hit.p).z
+        return dr.select(hit.is_valid(), depth, dr.inf)
+
+    def shaded(
+        self,
+        ray: mi.RayDifferential3f,
+        ray_weight: mi.Spectrum,
+        depth: mi.Float,
+        hit: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> Traced:
+        """Radiance along ``ray``, with ``depth`` and the surface of ``hit``, which it shows."""
+        radiance, valid, _ = mi.SamplingIntegrator.sample(
+            self.integrator,
+            self.scene,
+            self.passes.sampler,
+            ray,
+            self.sensor.get_medium(),
+            active,
+        )
+        return Traced(
+            rgb=_to_rgb(radiance * ray_weight, ray.wavelengths),
+            alpha=dr.select(valid, mi.Float(1), mi.Float(0)),
+            z=depth,
+            surface=dr.gather(mi.UInt32, self.surfaces, registry_index(hit), hit.is_valid()),
+        )
+
+    def is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Whether the integrator does not show what was hit: a lamp, where it hides lamps."""
+        if not self.integrator.hide_emitters:
+            return mi.Bool(False)
+        return hit.is_valid() & hit.shape.is_emitter()
+
+    def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
+        """The surface that the integrator sees first: it may leave out area lights."""
+        hit = self.scene.ray_intersect(ray)
+        if not self.integrator.hide_emitters:
+            return hit
+
+        def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
+            hit = self.scene.ray_intersect(hit.spawn_ray(ray.d), active)
+            return active & self.is_left_out(hit), hit
+
+        state = (self.is_left_out(hit), hit)
+        return dr.while_loop(state, lambda active, _: active, step)[1]
+
+
+def _to_rgb(radiance: mi.Spectrum, wavelengths: mi.Spectrum) -> mi.Color3f:
+    """Radiance in linear sRGB, whatever the variant counts it in."""
+    if mi.is_polarized:
+        radiance = mi.unpolarized_spectrum(radiance)
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(radiance, wavelengths)
+    return mi.Color3f(radiance.x) if mi.is_monochromatic else radiance
