@@ -19,7 +19,7 @@ FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
 """Along what a field of view is given, as in Mitsuba's ``perspective``."""
 
 FOV_AXES: tuple[FovAxis, ...] = get_args(FovAxis)
-"""The axes of :data:`FovAxis`."""
+"""The axes of ``FovAxis``."""
 
 LARGEST_FILM = 1 << 24
 """Most pixels on a side of the film; from there on float32 does not tell neighbours apart."""

@@ -117,11 +117,11 @@ def write(path: str | os.PathLike[str], header: Header, columns: Columns) -> Non
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Header, Columns]:
-    """What :func:`write` wrote.
+    """What ``write`` wrote.
 
     Raises ``OSError`` where there is no file or it cannot be read, and ``ValueError`` for one
     that is not EXR, is truncated or damaged, needs more memory than its size justifies (see
-    :func:`.exr_layout.require_bounded`), does not hold the samples of this package, or holds
+    ``exr_layout.require_bounded``), does not hold the samples of this package, or holds
     samples of which no picture can be formed. Each names the file.
     """
     path = Path(path)
@@ -143,7 +143,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Header, Columns]:
 
 
 def _read(path: Path) -> tuple[Header, Columns]:
-    """See :func:`read`; errors do not name the file."""
+    """See ``read``; errors do not name the file."""
     if not OpenEXR.isOpenExrFile(str(path)):
         raise ValueError("is not an EXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:

@@ -64,8 +64,8 @@ class PointSamples(Columns):
     ``surfaces``                  name of every surface id
     ``lattice``                   where positions are multiples of 1/lattice pixels: that
                                   number; 0 where they may be anywhere
-    ``window``                    :class:`Window` of what was sampled: the crop window
-                                  (default), or more with overscan
+    ``window``                    :class:`potmesil_mi.Window` of what was sampled: the
+                                  crop window (default), or more with overscan
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, or with depth or weight that is
@@ -208,7 +208,7 @@ class PointSamples(Columns):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a deep EXR, whose name must end in ``.exr``: see :mod:`.deep_exr`.
+        """Write a deep EXR, whose name must end in ``.exr``: see ``samples/deep_exr.py``.
 
         Raises ``ValueError`` for another name, and for a camera or a lens that :meth:`load`
         would not take; ``OSError`` where the file cannot be written. Then nothing is left behind.
