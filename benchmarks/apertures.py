@@ -21,12 +21,12 @@ from common import console, timed
 
 import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
-from potmesil_mi.focusing import layered
+from potmesil_mi.focusing.kernels import KernelFactory
 from potmesil_mi.optics import diffraction_kernel
 
 sys.path.insert(0, str(common.ROOT / "tests"))
 
-from wave_optics import bright_point, fourier_optics, through_pinholes
+from optics.wave_optics import bright_point, fourier_optics, through_pinholes
 
 HEART = np.add.outer(np.linspace(0.2, 1, 17), np.linspace(0, 0.5, 13)) * (np.arange(13) % 4 > 0)
 APERTURES = {
@@ -134,7 +134,7 @@ def tables():
         "Tables of figure11, 512x512, f/5.6, layered: seconds in all",
         ["aperture", "focus", "tables", "first", "again"],
     )
-    table, spent = layered._Group._exact_table, []
+    table, spent = KernelFactory._exact, []
 
     def watched(*arguments):
         began = time.perf_counter()
@@ -142,7 +142,7 @@ def tables():
         spent.append(time.perf_counter() - began)
         return result
 
-    layered._Group._exact_table = watched
+    KernelFactory._exact = watched
     for aperture in (pm.Disc(), pm.Polygon(6), pm.Polygon(5, 10, 0.3), pm.Lommel()):
         for distance in (550.0, 2000.0):
             lens = samples.lens.replace(focus_distance=distance, aperture=aperture)
@@ -156,7 +156,7 @@ def tables():
                 str(aperture), f"{distance:g}", str(len(spent)), f"{seconds[0]:.2f}",
                 f"{statistics.median(seconds[1:]):.2f}",
             )  # fmt: skip
-    layered._Group._exact_table = table
+    KernelFactory._exact = table
     return result
 
 

@@ -7,7 +7,6 @@ brings it to pixels.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from .. import _backend as jit
 from ..filters.base import FilterFunction
@@ -90,17 +89,3 @@ def focus(
             f"samples={type(samples).__name__}: must be PointSamples, as render_samples gives"
         )
     return form_picture(samples, lens, chosen, memo_of(samples), psf, rfilter, alpha, filters)
-
-
-def film_options(film: Any) -> dict[str, Any]:
-    """What :func:`focus` needs to know of the Mitsuba film that its picture is for."""
-    alpha = "Alpha" in str(film.flags())
-    return {"rfilter": film.rfilter(), "alpha": alpha}
-
-
-METHODS = ("layered", "lightfield", "paper")
-OPTIONS = ("method", "lens_points", "tables", "inverse_square", "squares")
-
-
-def check_options(**options: Any) -> None:
-    method_of(**{"method": "layered", **options})

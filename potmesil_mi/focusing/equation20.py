@@ -23,9 +23,9 @@ import numpy as np
 
 from .. import _backend as jit
 from .._progress import track
+from ..optics.convolution import convolve_fully
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
-from .convolve import convolve_fully
 from .exposure import Exposure
 from .fragments import scatter_mode
 

@@ -16,10 +16,10 @@ import scipy.ndimage
 import scipy.optimize
 
 from ..optics.aperture import Aperture
+from ..optics.convolution import convolve_fully
 from ..optics.disc import disc_kernel
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
-from .convolve import convolve_fully
 
 SUBPIXEL_VARIANCE = 1 / 12
 """Variance along an axis of a subpixel, in subpixels squared."""

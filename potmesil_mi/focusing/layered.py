@@ -16,7 +16,7 @@ from .. import _backend as jit
 from .._progress import track
 from ..optics.psf import aperture_behind
 from .composite import Compositor, SpreadSlice
-from .convolve import add_spread_by_row, convolve_cyclically
+from .convolve import spread
 from .exposure import Exposure
 from .fragments import Fragments, gather, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
@@ -68,9 +68,9 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, n
     for group in track(groups, "Focusing"):
         images = [(each, splat(each, channels)) for each in group]
         # While Dr.Jit makes the images of this group, those of the group before it are spread.
-        compositor.put_behind([_spread(*each) for each in begun])
+        compositor.put_behind([_light_of(*each) for each in begun])
         begun = images
-    compositor.put_behind([_spread(*each) for each in begun])
+    compositor.put_behind([_light_of(*each) for each in begun])
     return compositor.finished()
 
 
@@ -99,16 +99,12 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
     return memo.get(("view", about, lens_points), views)
 
 
-def _spread(depth_slice: DepthSlice, images: list[KernelImages]) -> SpreadSlice:
+def _light_of(depth_slice: DepthSlice, images: list[KernelImages]) -> SpreadSlice:
     """The light of a slice after its images were spread by their kernels and added up."""
     pairs = [
         (each.stack.image(index), kernel)
         for each in images
         for index, kernel in enumerate(each.kernels)
     ]
-    wide = [(image, kernel) for image, kernel in pairs if kernel.ndim == 2]
-    light = convolve_cyclically(*zip(*wide, strict=True)) if wide else np.zeros_like(pairs[0][0])
-    for image, kernel in pairs:
-        if kernel.ndim == 1:
-            add_spread_by_row(light, image, kernel)
+    light = spread(*zip(*pairs, strict=True))
     return SpreadSlice(light, depth_slice.box.left, depth_slice.box.top, depth_slice.resolution)

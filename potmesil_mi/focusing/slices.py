@@ -12,28 +12,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from ..optics.blur import Blur
+from ..optics.convolution import fast_size
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
 from ..samples.raster import Window
-from .convolve import fast_size
+from .bands import Band, Raster, bands
 from .fragments import BIN_RADIUS, Fragments
 from .kernels import LINEAR_VARIANCE, SUBPIXEL_VARIANCE, KernelFactory
-from .lens_view import LensView, Occluded, ViewPyramid
-
-SLICE_RADII = 4.0 ** np.arange(12)
-"""Radii in subpixels between which circles form a slice; up to the first they are of both signs."""
-
-PARTING = math.sqrt(2)
-"""Slices are parted at most so many times below or above one of the ``SLICE_RADII``."""
-
-HIGHLIGHT_FINER = 5
-"""Circles of highlights have so many times as many pixels a radius, at least, as others."""
+from .lens_view import Occluded, ViewPyramid
 
 CELL_RADIUS = 1.0
 """Over what the share of a lens point is spread, in radii of a disc of its part of the lens."""
@@ -168,101 +159,13 @@ def plan(
     ``blur`` is that of the lens in subpixels.
     """
     groups = []
-    for band in _bands(views.at(1), blur, fineness.kept_radius):
+    for band in bands(views.at(1), blur, fineness.kept_radius):
         slices = [
             _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster).planned(fineness)
             for raster in band.rasters()
         ]
         groups.append([each for each in slices if each is not None])
     return groups
-
-
-class _Raster(NamedTuple):
-    """The pixels of a slice, and what is spread on them.
-
-    ``coarsening`` is that of the view's fragments, ``resolution`` that of the slice; ``has_view``
-    says whether unoccluded and occluded fragments are there, ``has_highlights`` highlights.
-    """
-
-    coarsening: int
-    resolution: int
-    has_view: bool
-    has_highlights: bool
-
-
-@dataclasses.dataclass(frozen=True)
-class _Band:
-    """Bins of similar circles: from ``first`` on, before ``end``.
-
-    Circles' radii, in subpixels, are between ``inner`` and ``outer``; ``inner`` is 0 where they
-    are of both signs. They are spread on pixels of ``resolution`` subpixels; highlights, of which
-    one sees the edges, on pixels of ``highlight_resolution``.
-    """
-
-    first: int
-    end: int
-    inner: float
-    outer: float
-    sign: float
-    resolution: int
-    highlight_resolution: int
-
-    def rasters(self) -> list[_Raster]:
-        """The pixels on which the band is spread: highlights may have their own."""
-        if self.highlight_resolution == self.resolution:
-            return [_Raster(self.resolution, self.resolution, True, True)]
-        return [
-            _Raster(self.resolution, self.resolution, True, False),
-            _Raster(1, self.highlight_resolution, False, True),
-        ]
-
-
-def _bands(view: LensView, blur: Blur, kept_radius: float) -> Iterator[_Band]:
-    """The bands that have fragments, from the nearest.
-
-    Around each of the ``SLICE_RADII`` they are parted where there are the fewest fragments: between
-    surfaces rather than within one.
-    """
-    counts, some = view.counts, view.unoccluded
-    if blur.radius_per_vergence == 0:
-        yield _Band(0, len(counts), 0.0, 0.0, 1.0, 1, 1)
-        return
-    focused = (blur.focused_vergence - some.vergence_min) / some.bin_width
-    bins = 1 / (blur.radius_per_vergence * some.bin_width)
-
-    def parting(edge: float) -> int:
-        """The first bin beyond a signed radius; it begins a bin of the coarser views, too."""
-        size = _resolution(abs(edge) * PARTING, kept_radius)
-        ends = sorted(focused + edge * bins * by for by in (1 / PARTING, PARTING))
-        first, last = (min(max(round(end / size), 0), len(counts) // size + 1) for end in ends)
-        at = np.arange(first, last + 1) * size
-        beside = np.pad(counts, (1, 2 * size + 1))
-        number = beside[at] + beside[at + 1]
-        fewest = at[number == number.min()]
-        return int(fewest[np.abs(fewest - (focused + edge * bins)).argmin()])
-
-    edges = [*-SLICE_RADII[::-1], *SLICE_RADII]
-    partings = [0, *(parting(edge) for edge in edges[1:-1]), len(counts)]
-    for i in reversed(range(len(edges) - 1)):
-        filled = partings[i] + np.flatnonzero(counts[partings[i] : partings[i + 1]])
-        if len(filled) == 0:
-            continue
-        first, end = int(filled[0]), int(filled[-1]) + 1
-        inner, outer = sorted(abs(end - focused) / bins for end in (first, end))
-        if edges[i] < 0 < edges[i + 1]:
-            yield _Band(first, end, 0.0, outer, 1.0, 1, 1)
-        else:
-            sign = math.copysign(1, edges[i])
-            resolution = _resolution(inner, kept_radius)
-            highlight_resolution = _resolution(inner, HIGHLIGHT_FINER * kept_radius)
-            yield _Band(first, end, inner, outer, sign, resolution, highlight_resolution)
-
-
-def _resolution(radius: float, kept_radius: float) -> int:
-    """Width in subpixels of the pixels on which circles of at least a ``radius`` are spread."""
-    if radius < kept_radius:
-        return 1
-    return 2 ** max(0, math.floor(math.log2(radius / kept_radius)))
 
 
 def _smeared(resolution: int) -> float:
@@ -287,8 +190,8 @@ class _SlicePlanner:
         psf: PointSpreadFunction,
         blur: Blur,
         subpixels_per_mm: float,
-        band: _Band,
-        raster: _Raster,
+        band: Band,
+        raster: Raster,
     ) -> None:
         factor = raster.resolution
         self.view, self.band, self.raster = views.at(raster.coarsening), band, raster
