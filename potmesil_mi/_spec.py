@@ -68,7 +68,10 @@ class Spec:
         """The classes of the family by their names; those of the package come first."""
         for module in cls._modules:
             importlib.import_module(module)
-        return {name: kind for name, kind in cls._registered.items() if issubclass(kind, cls)}
+        own = {module: place for place, module in enumerate(cls._modules)}
+        kinds = [kind for kind in cls._registered.values() if issubclass(kind, cls)]
+        kinds.sort(key=lambda kind: own.get(kind.__module__, len(own)))
+        return {kind.name: kind for kind in kinds}
 
     @classmethod
     def member(cls: type[S], name: str, *, from_file: bool = False) -> type[S]:
@@ -195,7 +198,10 @@ def written(name: str, parameters: Mapping[str, Any]) -> str:
 
 def _require_told(text: str, values: Mapping[str, Any]) -> None:
     """Raise ``ValueError`` unless :func:`read` finds ``values`` in ``text``."""
-    told = read(text, "spec")[1]
+    try:
+        told = read(text, "spec")[1]
+    except ValueError:
+        told = {}
     for key, value in values.items():
         # Several values of which there is one read as that one.
         single = value[0] if isinstance(value, tuple) and len(value) == 1 else value

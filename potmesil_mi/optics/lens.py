@@ -8,13 +8,18 @@ a Mitsuba variant.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple, get_args
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 
-from .._validation import require_number
+from .._validation import require_choice, require_number
 from .aperture import Aperture
+from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each
 from .disc import Disc
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 ACUITY = 1e-3
 """Angular resolving power of the eye in radians: "1 mil", a patch of U/1000 (section 2.2)."""
@@ -27,6 +32,26 @@ Film = Literal["focal", "focused"]
 
 FILMS: tuple[Film, ...] = get_args(Film)
 """The two places of the film."""
+
+
+class LensOptions(TypedDict, total=False):
+    """Parameters of :class:`ThinLens` but for the two that a field of view stands for."""
+
+    f_number: Any
+    focus_distance: Any
+    aperture_radius: Any
+    millimeters_per_unit: Any
+    film: Film
+    aperture: Aperture | str
+    squeeze: float
+    vignetting: float
+
+
+class LensChanges(LensOptions, total=False):
+    """What :meth:`ThinLens.replace` can change: the parameters of :class:`ThinLens`."""
+
+    focal_length: Any
+    frame_width: Any
 
 
 class DepthOfField(NamedTuple):
@@ -94,49 +119,40 @@ class ThinLens:
         squeeze: float = 1.0,
         vignetting: float = 0.0,
     ) -> None:
-        if (f_number is None) == (aperture_radius is None):
-            given = "both were" if f_number is not None else "neither was"
-            raise ValueError(
-                f"f_number and aperture_radius: give exactly one of them, {given} given "
-                f"(f_number={f_number}, aperture_radius={aperture_radius})"
-            )
+        _require_one_opening(f_number, aperture_radius)
         if film not in FILMS:
             raise ValueError(f"film={film!r}: must be one of {', '.join(FILMS)}")
-        _require("focal_length", focal_length, "> 0 mm and finite", _positive_finite)
-        _require("frame_width", frame_width, "> 0 mm and finite", _positive_finite)
-        _require("millimeters_per_unit", millimeters_per_unit, "> 0 and finite", _positive_finite)
+        require_each("focal_length", focal_length, "> 0 mm and finite", positive_finite)
+        require_each("frame_width", frame_width, "> 0 mm and finite", positive_finite)
+        require_each(
+            "millimeters_per_unit", millimeters_per_unit, "> 0 and finite", positive_finite
+        )
         if f_number is not None:
-            _require("f_number", f_number, "> 0", lambda x: x > 0)
+            require_each("f_number", f_number, "> 0", lambda x: x > 0)
         if aperture_radius is not None:
-            _require(
+            require_each(
                 "aperture_radius",
                 aperture_radius,
                 ">= 0 scene units and finite",
                 lambda x: (x >= 0) & np.isfinite(x),
             )
-        _require("focus_distance", focus_distance, "> 0 scene units", lambda x: x > 0)
-        _require(
-            "focus_distance",
-            focus_distance,
-            f"beyond the focal length of {focal_length} mm "
-            f"(a scene unit is {millimeters_per_unit} mm)",
-            lambda x: (
-                x * _host(millimeters_per_unit) - _host(focal_length) > 1e-12 * _host(focal_length)
-            ),
-        )
+        _require_focus(focus_distance, focal_length, millimeters_per_unit)
         require_number("squeeze", squeeze, 1, 4)
         require_number("vignetting", vignetting, 0, 0.9)
-        self.aperture, self.squeeze, self.vignetting = Aperture.parse(aperture), squeeze, vignetting
-        if self.aperture.diffracts and (squeeze != 1 or vignetting != 0):
+        aperture = Aperture.parse(aperture)
+        if aperture.diffracts and (squeeze != 1 or vignetting != 0):
             raise ValueError(
                 f"squeeze={squeeze}, vignetting={vignetting}: must be 1 and 0 with the aperture "
-                f"{self.aperture.name}, whose pattern is that of a whole circle"
+                f"{aperture.name}, whose pattern is that of a whole circle"
             )
         self.focal_length = focal_length
         self.focus_distance = focus_distance
         self.frame_width = frame_width
         self.millimeters_per_unit = millimeters_per_unit
-        self.film = film
+        self.film: Film = film
+        self.aperture = aperture
+        self.squeeze = squeeze
+        self.vignetting = vignetting
         self._f_number = f_number
         self._aperture_radius = aperture_radius
 
@@ -147,7 +163,7 @@ class ThinLens:
         *,
         focal_length: float | None = None,
         frame_width: float | None = None,
-        **parameters: Any,
+        **parameters: Unpack[LensOptions],
     ) -> ThinLens:
         """The lens whose frame covers ``fov`` degrees across.
 
@@ -171,7 +187,7 @@ class ThinLens:
             in_mm = parameters.get("focus_distance", math.inf) * parameters.get(
                 "millimeters_per_unit", 1.0
             )
-            focal_length = 1 / (1 / focal_length + _reciprocal(in_mm))
+            focal_length = 1 / (1 / focal_length + reciprocal(in_mm))
         return cls(focal_length, frame_width=frame_width, **parameters)
 
     def parameters(self) -> dict[str, Any]:
@@ -195,7 +211,7 @@ class ThinLens:
     def plain(self) -> ThinLens:
         """The same lens of plain numbers; a parameter of several elements is an error."""
         plain: dict[str, Any] = {
-            name: value if isinstance(value, (str, Aperture)) else float(_host(value).item())
+            name: value if isinstance(value, (str, Aperture)) else float(on_host(value).item())
             for name, value in self.parameters().items()
         }
         return ThinLens(**plain)
@@ -208,17 +224,30 @@ class ThinLens:
         return {**self.plain().parameters(), "aperture": self.aperture.describe()}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> ThinLens:
+    def from_dict(cls, values: Mapping[str, Any]) -> ThinLens:
         """The inverse of :meth:`to_dict`, for values that come from a file.
 
-        Files written before the parameter ``film`` had its name call it ``image_distance``.
+        The text of its aperture names no file. Files written before the parameter ``film`` had its
+        name call it ``image_distance``. Raises ``TypeError`` or ``ValueError`` that names what is
+        unknown, missing, no number or out of range.
         """
         given = dict(values)
         if "image_distance" in given:
             given["film"] = given.pop("image_distance")
-        return cls(**given)
+        unknown = sorted(given.keys() - LensChanges.__annotations__.keys())
+        if unknown:
+            raise TypeError(_not_a_parameter(unknown[0]))
+        if "focal_length" not in given:
+            raise TypeError("focal_length: must be given for a ThinLens")
+        for name, value in given.items():
+            numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if name not in ("film", "aperture") and not numeric:
+                raise TypeError(f"{name}={value!r}: must be a number")
+        require_choice("film", given.setdefault("film", "focal"), FILMS)
+        aperture = Aperture.parse(given.get("aperture", Disc.name), from_file=True)
+        return cls(**{**given, "aperture": aperture})
 
-    def replace(self, **changes: Any) -> ThinLens:
+    def replace(self, **changes: Unpack[LensChanges]) -> ThinLens:
         """A lens with some constructor arguments changed.
 
         ``f_number`` takes the place of an ``aperture_radius`` and the other way round; whichever
@@ -226,12 +255,9 @@ class ThinLens:
         name.
         """
         parameters = self.parameters()
-        unknown = set(changes) - {*parameters, "f_number", "aperture_radius"}
+        unknown = changes.keys() - LensChanges.__annotations__.keys()
         if unknown:
-            raise TypeError(
-                f"{sorted(unknown)[0]}: not a parameter of ThinLens, which has "
-                f"{', '.join(sorted({*parameters, 'f_number', 'aperture_radius'}))}"
-            )
+            raise TypeError(_not_a_parameter(min(unknown)))
         if not changes.keys().isdisjoint({"f_number", "aperture_radius"}):
             parameters.pop("f_number", None)
             parameters.pop("aperture_radius", None)
@@ -251,14 +277,14 @@ class ThinLens:
         if self._f_number is not None:
             return self._f_number
         opening = 2 * self._aperture_radius * self.millimeters_per_unit
-        return self._aperture_reference * _reciprocal(opening)
+        return self._aperture_reference * reciprocal(opening)
 
     @property
     def aperture_radius(self) -> Any:
         """R in scene units, the ``aperture_radius`` of the equivalent ``thinlens``."""
         if self._aperture_radius is not None:
             return self._aperture_radius
-        diameter = self._aperture_reference * _reciprocal(self._f_number)
+        diameter = self._aperture_reference * reciprocal(self._f_number)
         return diameter / (2 * self.millimeters_per_unit)
 
     @property
@@ -274,13 +300,13 @@ class ThinLens:
     @property
     def lens_diameter(self) -> Any:
         """D = F/n in millimetres."""
-        return self.focal_length * _reciprocal(self.f_number)
+        return self.focal_length * reciprocal(self.f_number)
 
     @property
     def fov(self) -> float:
         """Field of view across the frame, a plain number in degrees."""
         return math.degrees(
-            2 * math.atan(float(_host(self.frame_width / (2 * self.film_distance)).item()))
+            2 * math.atan(float(on_host(self.frame_width / (2 * self.film_distance)).item()))
         )
 
     def image_distance(self, depth: Any = None) -> Any:
@@ -290,8 +316,8 @@ class ThinLens:
         length, whose image is virtual, and infinite for one at the focal length.
         """
         depth = self.focus_distance if depth is None else depth
-        return _reciprocal(
-            _reciprocal(self.focal_length) - _reciprocal(depth * self.millimeters_per_unit)
+        return reciprocal(
+            reciprocal(self.focal_length) - reciprocal(depth * self.millimeters_per_unit)
         )
 
     def circle_of_confusion(self, depth: Any) -> Any:
@@ -302,13 +328,13 @@ class ThinLens:
         beyond it; its limit for P = inf is -F^2 / (n (U - F)). Raises ``ValueError`` for a
         negative depth.
         """
-        _require("depth", depth, ">= 0 scene units", lambda x: x >= 0)
-        vergence = _reciprocal(depth) - _reciprocal(self.focus_distance)
+        require_each("depth", depth, ">= 0 scene units", lambda x: x >= 0)
+        vergence = reciprocal(depth) - reciprocal(self.focus_distance)
         return self.lens_diameter * self.image_distance() * vergence / self.millimeters_per_unit
 
     def hyperfocal_distance(self, acuity: float = ACUITY) -> Any:
         """H = D / acuity in scene units, 1000 F/n by default (section 2.2)."""
-        _require("acuity", acuity, "> 0 radians", _positive_finite)
+        require_each("acuity", acuity, "> 0 radians", positive_finite)
         return self.lens_diameter / (acuity * self.millimeters_per_unit)
 
     def depth_of_field(self, acuity: float = ACUITY) -> DepthOfField:
@@ -316,11 +342,11 @@ class ThinLens:
 
         1/U± = 1/U ∓ 1/H; beyond the hyperfocal distance the far limit is infinite.
         """
-        vergence = _reciprocal(self.focus_distance)
-        tolerance = _reciprocal(self.hyperfocal_distance(acuity))
+        vergence = reciprocal(self.focus_distance)
+        tolerance = reciprocal(self.hyperfocal_distance(acuity))
         return DepthOfField(
-            near=_reciprocal(vergence + tolerance),
-            far=_reciprocal(_clamp_at_zero(vergence - tolerance)),
+            near=reciprocal(vergence + tolerance),
+            far=reciprocal(clamp_at_zero(vergence - tolerance)),
         )
 
     def to_thinlens(self) -> dict[str, Any]:
@@ -332,10 +358,10 @@ class ThinLens:
         cannot focus at infinity: there the distance is 1e9 aperture radii, which no pixel can
         tell from infinity.
         """
-        radius = float(_host(self.aperture_radius).item())
+        radius = float(on_host(self.aperture_radius).item())
         sensor: dict[str, Any] = {"type": "perspective", "fov": self.fov, "fov_axis": "x"}
         if radius > 0:
-            focus_distance = float(_host(self.focus_distance).item())
+            focus_distance = float(on_host(self.focus_distance).item())
             sensor["type"] = "thinlens"
             sensor["aperture_radius"] = radius
             sensor["focus_distance"] = min(focus_distance, 1e9 * radius)
@@ -349,7 +375,7 @@ class ThinLens:
             self.aperture == other.aperture
             and mine.keys() == theirs.keys()
             and all(
-                np.array_equal(_host(mine[key]), _host(theirs[key]))
+                np.array_equal(on_host(mine[key]), on_host(theirs[key]))
                 for key in mine
                 if key != "aperture"
             )
@@ -361,48 +387,28 @@ class ThinLens:
         return f"ThinLens({', '.join(f'{k}={v!r}' for k, v in self.parameters().items())})"
 
 
-def _host(value: Any) -> Any:
-    """``value`` as a NumPy array, for checks and for results that are plain numbers."""
-    if isinstance(value, str):
-        return np.asarray(value)
-    if type(value).__module__.startswith("drjit"):
-        import drjit as dr
-
-        value = dr.detach(value)
-    return np.asarray(value)
+def _not_a_parameter(name: str) -> str:
+    known = ", ".join(sorted(LensChanges.__annotations__))
+    return f"{name}: not a parameter of ThinLens, which has {known}"
 
 
-def _positive_finite(values: np.ndarray) -> Any:
-    return (values > 0) & np.isfinite(values)
+def _require_one_opening(f_number: Any, aperture_radius: Any) -> None:
+    if (f_number is None) == (aperture_radius is None):
+        given = "both were" if f_number is not None else "neither was"
+        raise ValueError(
+            f"f_number and aperture_radius: give exactly one of them, {given} given "
+            f"(f_number={f_number}, aperture_radius={aperture_radius})"
+        )
 
 
-def _require(name: str, value: Any, allowed: str, test: Any) -> None:
-    """Raise unless every element of ``value`` is a number that passes ``test``."""
-    values = _host(value)
-    if values.dtype.kind not in "fiu":
-        raise TypeError(f"{name}={value!r}: must be a number {allowed}")
-    passed = test(values)
-    if not np.all(passed):
-        values, passed = np.broadcast_arrays(values, passed)
-        shown = value if np.ndim(value) == 0 else values[~passed][0]
-        raise ValueError(f"{name}={shown}: must be {allowed}")
-
-
-def _reciprocal(value: Any) -> Any:
-    """1/value with 1/0 = inf, for numbers and arrays of any kind."""
-    if isinstance(value, (int, float)):
-        return math.copysign(math.inf, value) if value == 0 else 1 / value
-    if isinstance(value, (np.ndarray, np.generic)):
-        with np.errstate(divide="ignore"):
-            return np.true_divide(1.0, value)
-    return 1 / value
-
-
-def _clamp_at_zero(value: Any) -> Any:
-    if isinstance(value, (int, float)):
-        return max(value, 0.0)
-    if isinstance(value, (np.ndarray, np.generic)):
-        return np.maximum(value, 0.0)
-    import drjit as dr
-
-    return dr.maximum(value, 0.0)
+def _require_focus(focus_distance: Any, focal_length: Any, millimeters_per_unit: Any) -> None:
+    require_each("focus_distance", focus_distance, "> 0 scene units", lambda x: x > 0)
+    require_each(
+        "focus_distance",
+        focus_distance,
+        f"beyond the focal length of {focal_length} mm (a scene unit is {millimeters_per_unit} mm)",
+        lambda x: (
+            x * on_host(millimeters_per_unit) - on_host(focal_length)
+            > 1e-12 * on_host(focal_length)
+        ),
+    )

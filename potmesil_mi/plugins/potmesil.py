@@ -17,6 +17,8 @@ from ..optics.lens import FILMS, ThinLens
 from ..optics.spectrum import SPECTRUM
 
 DEFAULT_FOCAL_LENGTH = 50.0
+"""Focal length in mm where neither that nor a field of view is given."""
+
 APERTURE_PARAMETERS = {
     "blades": ("polygon", "blades"),
     "blade_rotation": ("polygon", "rotation"),
@@ -34,6 +36,15 @@ PROJECTION_PARAMETERS = {
     "principal_point_offset_x": 0.0,
     "principal_point_offset_y": 0.0,
 }
+"""Parameters of the projection and their defaults, as in ``perspective``."""
+
+LENS_DEFAULTS = {
+    "focus_distance": math.inf,
+    "millimeters_per_unit": 1000.0,
+    "squeeze": 1.0,
+    "vignetting": 0.0,
+}
+"""Parameters of the lens that have a default of their own in a scene, which is one in metres."""
 
 
 class PotmesilSensor(mi.Sensor):
@@ -160,41 +171,36 @@ class PotmesilSensor(mi.Sensor):
 
     def _lens_from(self, props: mi.Properties) -> ThinLens:
         """The lens, with a field of view turned into the millimetres that it stands for."""
-        given: dict[str, Any] = {
-            name: _number(props, name)
-            for name in ("focal_length", "frame_width", "f_number", "aperture_radius")
-            if name in props
-        }
-        given["focus_distance"] = _number(props, "focus_distance", math.inf)
-        given["millimeters_per_unit"] = _number(props, "millimeters_per_unit", 1000.0)
-        given["film"] = props.get("image_distance", "focal")
-        if given["film"] not in FILMS:
-            raise ValueError(f"image_distance={given['film']!r}: must be one of {', '.join(FILMS)}")
-        given["aperture"] = _aperture(props)
-        given["squeeze"] = _number(props, "squeeze", 1.0)
-        given["vignetting"] = _number(props, "vignetting", 0.0)
+        optional = ("focal_length", "frame_width", "f_number", "aperture_radius")
+        numbers = {name: _number(props, name) for name in optional if name in props}
+        for name, default in LENS_DEFAULTS.items():
+            numbers[name] = _number(props, name, default)
+        film = props.get("image_distance", "focal")
+        if film not in FILMS:
+            raise ValueError(f"image_distance={film!r}: must be one of {', '.join(FILMS)}")
+        aperture = _aperture(props)
         width, height = self.film().size()
         axis = props.get("fov_axis", "x")
         fov = horizontal_fov(_number(props, "fov", 40.0), axis, width / height)
         if "fov" not in props:
-            return ThinLens(**{"focal_length": DEFAULT_FOCAL_LENGTH, **given})
-        if "focal_length" in given and "frame_width" in given:
+            numbers.setdefault("focal_length", DEFAULT_FOCAL_LENGTH)
+            return ThinLens(**numbers, film=film, aperture=aperture)
+        if "focal_length" in numbers and "frame_width" in numbers:
             raise ValueError(
                 f"fov={props['fov']}: cannot be combined with both focal_length and frame_width"
             )
-        return ThinLens.of_field_of_view(fov, **given)
+        return ThinLens.of_field_of_view(fov, **numbers, film=film, aperture=aperture)
 
     def _update(self) -> None:
         """What follows from the parameters: the lens, checked, and the projection."""
         # Only what was changed is taken from the single-precision parameters.
         values = {name: _item(getattr(self, f"m_{name}")) for name in self.m_lens_parameters}
-        self.m_lens = self.m_lens.replace(
-            **{
-                name: value
-                for name, value in values.items()
-                if value != _item(mi.Float(getattr(self.m_lens, name)))
-            }
-        )
+        changes: dict[str, Any] = {
+            name: value
+            for name, value in values.items()
+            if value != _item(mi.Float(getattr(self.m_lens, name)))
+        }
+        self.m_lens = self.m_lens.replace(**changes)
         near, far = _item(self.m_near_clip), _item(self.m_far_clip)
         if not 0 < near < math.inf:
             raise ValueError(f"near_clip={near}: must be > 0 and finite")

@@ -361,6 +361,34 @@ def test_parameters_build_an_equal_lens():
     assert eval(repr(lens), {"ThinLens": ThinLens, "Disc": Disc}) == lens
 
 
+def test_files_of_before_say_image_distance_for_film():
+    lens = ThinLens(50, 4, 1000, film="focused")
+    values = lens.to_dict()
+    values["image_distance"] = values.pop("film")
+    assert ThinLens.from_dict(values) == lens == ThinLens.from_dict(lens.to_dict())
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"focal": 3}, TypeError, "^focal: not a parameter of ThinLens, which has aperture, "),
+        ({"f_number": [4, 5]}, TypeError, r"^f_number=\[4, 5\]: must be a number"),
+        ({"squeeze": True}, TypeError, "^squeeze=True: must be a number"),
+        ({"film": "far"}, ValueError, "^film='far': must be one of focal, focused"),
+        ({"film": ["focal"]}, TypeError, "^film=.*must be one of focal, focused"),
+        ({"aperture": 3}, TypeError, "^aperture=3: "),
+        ({"aperture_radius": 1.0}, ValueError, "^f_number and aperture_radius: "),
+    ],
+)
+def test_what_a_file_says_of_a_lens_is_checked(changes, error, message):
+    values = ThinLens(50, 4, 1000).to_dict()
+    with pytest.raises(error, match=message):
+        ThinLens.from_dict({**values, **changes})
+    del values["focal_length"]
+    with pytest.raises(TypeError, match=r"^focal_length: must be given"):
+        ThinLens.from_dict(values)
+
+
 @BOTH_FILMS
 def test_a_scene_in_metres_gives_the_same_optics(film):
     in_mm = ThinLens(50, 4, 1000, film=film)

@@ -1,5 +1,6 @@
+import dataclasses
 import math
-import sys
+from typing import ClassVar
 
 import mitsuba as mi
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.special import j0, j1
 
 import potmesil_mi as pm
 from potmesil_mi import cli
+from potmesil_mi.focusing import session
 from scenes import SCENES, still_life, synthetic
 
 LENS = pm.ThinLens(50.0, 8.0, frame_width=36.0)
@@ -161,6 +163,22 @@ def test_filters_are_applied_in_their_order():
     np.testing.assert_allclose(first, applied(applied(picture, star), fade), rtol=1e-6)
     other = applied(picture, fade, star)
     assert np.count_nonzero(other) < np.count_nonzero(first), "what has faded is not spread"
+
+
+def test_a_filter_of_ones_own_has_a_text():
+    @dataclasses.dataclass(frozen=True)
+    class Negative(pm.Filter):
+        most: float = 1.0
+        name: ClassVar[str] = "negative"
+
+        def __call__(self, picture, lens, pixels_per_mm):
+            return self.most - picture
+
+    try:
+        assert pm.parse_filter("negative:most=2") == Negative(2)
+        np.testing.assert_array_equal(applied(lamps((3, 3)), "negative:most=2"), 2 - lamps((3, 3)))
+    finally:
+        del pm.Filter._registered["negative"]
 
 
 def test_any_function_can_be_a_filter():
@@ -498,8 +516,7 @@ def test_focus_applies_filters_to_the_finished_picture(alpha):
 
 @pytest.mark.usefixtures("variant_llvm")
 def test_focus_refuses_a_wrong_filter_before_it_starts(monkeypatch):
-    stage = sys.modules["potmesil_mi.focus"]
-    monkeypatch.setattr(stage, "see_through", lambda *_, **__: pytest.fail("started"))
+    monkeypatch.setattr(session, "Exposure", lambda *_, **__: pytest.fail("started"))
     with pytest.raises(ValueError, match="filter='sepia'"):
         pm.focus(synthetic(), filters=["sepia"])
     with pytest.raises(TypeError, match="filters='star'"):
@@ -566,7 +583,8 @@ def test_xml_and_the_command_line_agree_with_python(tmp_path):
 def test_the_command_line_finds_a_wrong_filter_before_it_renders(
     tmp_path, monkeypatch, capsys, command
 ):
-    monkeypatch.setattr(cli, "render_samples", lambda *_, **__: pytest.fail("rendering started"))
+    started = "potmesil_mi.tracing.hidden_surface.render_samples"
+    monkeypatch.setattr(started, lambda *_, **__: pytest.fail("rendering started"))
     arguments = FIGURE if command == "render" else ["focus", "nothing.exr"]
     out = ["-o", str(tmp_path / "a.png")]
     assert cli.main([*arguments, *out, "--filter", "star:pionts=3"]) == 1

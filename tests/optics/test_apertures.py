@@ -1,13 +1,16 @@
 """Apertures of the lens: tables, points, text, and the pictures that they form."""
 
+import base64
 import math
+import tracemalloc
+import zlib
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from wave_optics import bright_point, fourier_optics, through_pinholes
+from optics.wave_optics import bright_point, fourier_optics, through_pinholes
 
 import potmesil_mi as pm
 from potmesil_mi.evaluation import thinlens_sensor
@@ -20,7 +23,7 @@ from scenes import papers_scene, still_life, synthetic
 HEART = (
     np.add.outer(np.linspace(0.2, 1, 17), np.linspace(0, 0.5, 13)) * (np.arange(13) % 4 > 0) / 1.5
 )
-PICTURE = pm.ImageAperture(HEART)
+PICTURE = aperture_of(pm.ImageAperture(HEART).describe())  # of 16 bits an element
 SHAPES = [pm.Disc(), pm.Polygon(6), pm.Polygon(5, 17.0, 0.4), pm.Polygon(3), PICTURE]
 ALL = [*SHAPES, pm.Lommel(), pm.Lommel((550,), truncated=True), pm.Lommel("spectrum")]
 LENS = pm.ThinLens(50, 2, 1000)
@@ -347,6 +350,79 @@ def test_files_keep_the_aperture(variant_llvm, tmp_path):
     path = tmp_path / "samples.exr"
     synthetic(50, lens=lens).save(path)
     assert pm.PointSamples.load(path).lens == lens
+
+
+def test_a_text_has_16_bits_for_each_element_of_a_picture():
+    exact = pm.ImageAperture(HEART)
+    told = aperture_of(exact.describe())
+    assert told != exact
+    np.testing.assert_allclose(told.transmission_map, exact.transmission_map, atol=0.5 / 65535)
+    assert aperture_of(told.describe()) == told
+
+
+def test_equal_pictures_have_equal_hashes_and_others_are_not_equal():
+    first, same = pm.ImageAperture(HEART), pm.ImageAperture(2 * HEART)
+    assert (first, hash(first)) == (same, hash(same))
+    other = HEART.copy()
+    other[8, 6] *= 1 + 1e-6  # less than 16 bits tell
+    assert pm.ImageAperture(other) != first
+    row, column = np.ones((1, 4)), np.ones((4, 1))
+    assert pm.ImageAperture(row) != pm.ImageAperture(column)
+
+
+def described_picture(levels, **changes):
+    """The text of an aperture that is a picture, of bytes as they are given."""
+    data = base64.urlsafe_b64encode(zlib.compress(bytes(levels))).decode().rstrip("=")
+    parameters = {"width": 4, "height": 3, "data": data, **changes}
+    return "image:" + ",".join(f"{name}={value}" for name, value in parameters.items())
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        (described_picture(24 * b"a", width=5), ValueError, "^data=.*5 x 3 elements"),
+        (described_picture(25 * b"a"), ValueError, "^data=.*4 x 3 elements of 16 bits, 24 bytes"),
+        (described_picture(24 * b"a", width=0), ValueError, "^width=0: must be 1 to 4096"),
+        (described_picture(24 * b"a", height=4097), ValueError, "^height=4097: must be 1 to 4096"),
+        (described_picture(24 * b"a", width=2.5), TypeError, "^width=2.5: must be a whole number"),
+        (described_picture(24 * b"a", data="eJx!"), ValueError, "^data='eJx!'.*damaged"),
+        (described_picture(24 * b"a", data="eJx"), ValueError, "^data='eJx'.*: "),
+        (described_picture(24 * b"a", data="abcd"), ValueError, "^data='abcd'.*damaged"),
+        (described_picture(24 * b"\0"), ValueError, "^transmission_map: "),
+    ],
+)
+def test_a_damaged_picture_in_a_text_is_named(text, error, message):
+    with pytest.raises(error, match=message):
+        aperture_of(text)
+    assert aperture_of(described_picture(24 * b"a")).transmission_map.shape == (3, 4)
+
+
+def test_a_picture_in_a_text_is_unpacked_no_further_than_its_size():
+    bomb = described_picture(bytes(1 << 28))  # 260 kB of text
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=r"^data=.*4 x 3 elements"):
+            aperture_of(bomb)
+        assert tracemalloc.get_traced_memory()[1] < 10 * len(bomb)
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_text_from_a_file_names_no_file(tmp_path):
+    secret = tmp_path / "secret.png"
+    values = {**LENS.to_dict(), "aperture": f"image:filename={secret}"}
+    with pytest.raises(ValueError, match=r"^filename='.*secret.png': a file must not name another"):
+        pm.ThinLens.from_dict(values)
+    with pytest.raises(FileNotFoundError):  # A person may.
+        pm.ThinLens(**values)
+    assert pm.ThinLens.from_dict({**values, "aperture": PICTURE.describe()}).aperture == PICTURE
+
+
+def test_optical_coordinates_do_not_go_through_the_text_of_the_aperture(monkeypatch):
+    lens = LENS.replace(aperture=PICTURE)
+    expected = optical_coordinates(LENS, 900.0, 0.01, 550.0)
+    monkeypatch.setattr(pm.ImageAperture, "describe", lambda _: pytest.fail("described"))
+    assert optical_coordinates(lens, 900.0, 0.01, 550.0) == expected
 
 
 # ---------------------------------------------------------------- pictures
