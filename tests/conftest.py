@@ -22,6 +22,7 @@ QUICK = (
     "tracing/test_disocclusion.py",
     "tracing/test_passes.py",
     "tracing/test_sampling.py",
+    "test_validation.py",
 )
 """Folders and files whose tests take milliseconds, apart from those that are marked slow."""
 

@@ -52,7 +52,6 @@ OLD_DIALECT = {
     r"\b_Sheet\b|\b_Band\b": "DepthSlice",
     r"\b_Picture\b": "a compositor",
     r"\bsee_?through\b": "focus_layered",
-    r"\bthrough_lens\b": "composite_slices",
     r"\bimport spreading\b|\bspreading\.\w": "splat, slices, composite",
     r"\b[Kk]nots?\b": "kernel radii",
     r"\bdescribed\(|\bimport .*\bdescribed\b": "spec",
@@ -67,6 +66,7 @@ OLD_DIALECT = {
 OLD_DIALECT_OF_FOCUSING = {
     r"\b[Ee]lements(\s*[=:,)\[]|\.[a-z])|\bElements\b(?! on )": "fragments",
     r"\b[Ss]heets?\b": "slices",
+    r"\bthrough_lens\b": "splat, spread, composite",
     r"\.(whole|partial|bright)\b(?<!functools.partial)": "unoccluded, occluded, highlights",
 }
 """Words that mean something else, and rightly so, in other wings."""

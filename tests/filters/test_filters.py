@@ -20,6 +20,9 @@ FIGURE = ["render", str(SCENES / "figure11.xml"), "-D", "res=24", "-D", "spp=4"]
 class Hexagon:
     """A hexagonal aperture with a corner at the top, its edges as soft as an element."""
 
+    def __repr__(self):  # Part of the names of tests, which are the same in every process.
+        return f"{type(self).__name__}()"
+
     def transmission(self, size):
         at = (2 * np.arange(size, dtype=np.float32) + 1) / size - 1
         inside = np.ones((size, size), dtype=np.float32)
