@@ -90,6 +90,11 @@ def test_dof_needs_no_mitsuba_and_no_scipy():
     assert run(code).endswith("['numpy', 'rich']\n")
 
 
+def test_setting_a_variant_does_not_wait_for_scipy():
+    code = "import potmesil_mi, mitsuba as mi; mi.set_variant('scalar_rgb');"
+    assert "scipy" not in run(code + LOADED)
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["dof"]])
 def test_what_computes_no_picture_needs_no_llvm(arguments, tmp_path):
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "absent")}

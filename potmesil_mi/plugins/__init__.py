@@ -1,7 +1,8 @@
 """The Mitsuba plugins, one to a file, and their registration.
 
 Plugin classes derive from types of the variant that is set, so their modules are loaded anew
-for each variant.
+for each variant. They import the two stages, and SciPy with them, when they are used: whoever
+sets a variant waits for the modules that they import at once.
 """
 
 from __future__ import annotations

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 import numpy as np
 
 from ..filters.base import Filter, parse_filter
-from ..focusing.api import focus
-from ..samples.point_samples import PointSamples
 from ..tracing.sensor import has_lens
 from .settings import has_alpha, method_from
 from .wrapper import WrapperIntegrator
+
+if TYPE_CHECKING:
+    from ..samples.point_samples import PointSamples
 
 
 class FocusIntegrator(WrapperIntegrator):
@@ -32,7 +33,8 @@ class FocusIntegrator(WrapperIntegrator):
        - |string|
        - ``layered``: what is visible, fast. ``lightfield``: the same with more lens points on a
          finer grid. ``paper``: equation 20 of Potmesil & Chakravarty (1981), which knows no
-         occlusion. (Default: layered)
+         occlusion. Or a text with its options, such as ``layered:lens_points=64``.
+         (Default: layered)
      * - lens_points
        - |int|
        - ``layered``, ``lightfield``: points of the lens from which visibility is found, 1 to
@@ -73,6 +75,8 @@ class FocusIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The picture through the samples' lens, and no further channels."""
+        from ..focusing.api import focus
+
         picture = focus(
             samples,
             method=self.method,
@@ -101,5 +105,5 @@ def _filters(props: mi.Properties) -> tuple[Filter, ...]:
     return tuple(parse_filter(props[name]) for name in names)
 
 
-def _in_natural_order(name: str) -> list[Any]:
+def _in_natural_order(name: str) -> list[int | str]:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..focusing.api import focus
-from ..focusing.methods import Equation20
-from ..samples.point_samples import PointSamples
-from ..tracing.passes import WAVEFRONT
 from ..tracing.sampling import Sampling
 from .settings import has_alpha
 from .wrapper import WrapperIntegrator
+
+if TYPE_CHECKING:
+    from ..samples.point_samples import PointSamples
 
 AOVS = ("x", "y", "z", "id", "weight")
 """Channels of the film beside the colours; see :class:`PointSamplesIntegrator`."""
@@ -92,6 +92,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
 def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     """RGB (A) of the samples through the film's filter, (height, width, 3 or 4)."""
+    from ..focusing.api import focus
+    from ..focusing.methods import Equation20
+    from ..tracing.passes import WAVEFRONT
+
     alpha = has_alpha(film)
     if samples.lattice > 0:
         # A corner belongs to the four pixels around it, which equation 20 knows.

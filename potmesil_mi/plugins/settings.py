@@ -5,12 +5,13 @@ These are made anew for each variant; what is here is the same for all.
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import mitsuba as mi
 
-from ..filters.base import FilterFunction
-from ..focusing.methods import Method, method_of
+if TYPE_CHECKING:
+    from ..filters.base import FilterFunction
+    from ..focusing.methods import Method
 
 METHOD_PARAMETERS = ("method", "lens_points", "tables", "inverse_square", "squares")
 """Parameters of the integrator ``focus`` that say how the picture is formed."""
@@ -29,6 +30,8 @@ def method_from(props: mi.Properties) -> Method:
 
     Raises ``ValueError`` or ``TypeError`` that names the parameter.
     """
+    from ..focusing.methods import method_of
+
     given = {name: props[name] for name in METHOD_PARAMETERS if name in props}
     return method_of(given.pop("method", "layered"), **given)
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import mitsuba as mi
 import numpy as np
 
 from .._backend import require_vectorised_variant
-from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import render_samples
 from ..tracing.sampling import Sampling
 from ..tracing.sensor import pick_sensor
+
+if TYPE_CHECKING:
+    from ..samples.point_samples import PointSamples
 
 
 class WrapperIntegrator(mi.CppADIntegrator):
@@ -23,8 +24,11 @@ class WrapperIntegrator(mi.CppADIntegrator):
     """
 
     plugin: str
+    """The name under which Mitsuba knows it."""
 
     def __init__(self, props: mi.Properties) -> None:
+        from ..tracing.hidden_surface import WrappingIntegrator
+
         super().__init__(props)
         require_vectorised_variant(self.plugin)
         nested = [child for _, child in props.objects() if isinstance(child, mi.Integrator)]
@@ -33,7 +37,8 @@ class WrapperIntegrator(mi.CppADIntegrator):
                 f"{self.plugin}: needs exactly one nested integrator, {len(nested)} were given"
             )
         self.nested = nested[0]
-        if not isinstance(self.nested, mi.SamplingIntegrator) or hasattr(self.nested, "nested"):
+        wrapping = isinstance(nested[0], WrappingIntegrator)
+        if wrapping or not isinstance(self.nested, mi.SamplingIntegrator):
             raise TypeError(
                 f"{self.plugin}: the nested integrator must be a sampling integrator, such as "
                 f"path, not {self.nested.class_name()}"
@@ -62,6 +67,8 @@ class WrapperIntegrator(mi.CppADIntegrator):
         evaluate: bool = True,
     ) -> mi.TensorXf:
         """Take the samples, form the picture, and put it into the film as if rendered there."""
+        from ..tracing.hidden_surface import render_samples
+
         sensor = pick_sensor(scene, sensor)
         self.check_sensor(sensor)
         samples = render_samples(
