@@ -111,7 +111,7 @@ def form_picture(
         samples.lens.millimeters_per_unit
     )
     psf = lens.aperture if psf is None else psf
-    if not hasattr(psf, "table"):
+    if not isinstance(psf, PointSpreadFunction):
         raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
     if not isinstance(alpha, (bool, np.bool_)):
         raise TypeError(f"alpha={alpha!r}: must be True or False")

@@ -6,7 +6,7 @@ that has one; any object with the method ``table`` can take its place.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from .disc import Disc
 from .lens import ThinLens
 
 
+@runtime_checkable
 class PointSpreadFunction(Protocol):
     """What the focus stage asks of a distribution of intensity."""
 
