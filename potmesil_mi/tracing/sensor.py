@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import mitsuba as mi
 import numpy as np
 
 from ..optics.camera import Camera
-from ..optics.lens import FULL_FRAME_WIDTH, ThinLens
+from ..optics.lens import FULL_FRAME_WIDTH, LensChanges, ThinLens
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
 @runtime_checkable
@@ -47,7 +51,7 @@ def has_lens(sensor: mi.Sensor) -> bool:
     return isinstance(sensor, LensSensor) or "aperture_radius" in mi.traverse(sensor)
 
 
-def potmesil_sensor(sensor: mi.Sensor, **lens: Any) -> mi.Sensor:
+def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[LensChanges]) -> mi.Sensor:
     """A ``potmesil`` sensor in the place of ``sensor``, with its film and sampler.
 
     ``lens`` are parameters of :class:`potmesil_mi.ThinLens` that replace what the sensor says.
@@ -110,7 +114,7 @@ def sensor_parameters(lens: ThinLens) -> dict[str, Any]:
     return parameters
 
 
-def _lens_of(parameters: mi.SceneParameters, lens: dict[str, Any]) -> ThinLens:
+def _lens_of(parameters: mi.SceneParameters, lens: Mapping[str, Any]) -> ThinLens:
     """The lens of a built-in sensor, of which ``lens`` replaces some parameters."""
     known: dict[str, Any] = {"millimeters_per_unit": 1000.0}
     if "aperture_radius" in parameters:
