@@ -18,21 +18,33 @@ QUICK = (
     "test_architecture.py",
     "test_docs.py",
     "test_spec.py",
-    "tracing/test_buffers.py",
-    "tracing/test_disocclusion.py",
-    "tracing/test_passes.py",
-    "tracing/test_sampling.py",
     "test_validation.py",
+    "tracing/test_disocclusion.py",
+    "tracing/test_sampling.py",
 )
-"""Folders and files whose tests take milliseconds, apart from those that are marked slow."""
+"""Where `pytest -m quick` looks: it runs what sets no variant and is not marked slow."""
+
+
+def may_be_quick(path):
+    return any(path.is_relative_to(TESTS / place) for place in QUICK)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """With `-m quick` other files are not even imported."""
+    if config.option.markexpr == "quick" and collection_path.is_file():
+        return None if may_be_quick(collection_path) else True
+    return None
 
 
 @pytest.hookimpl(tryfirst=True)  # Before pytest looks at the marks.
 def pytest_collection_modifyitems(items):
-    """`pytest -m quick`: what is in QUICK and not marked slow."""
+    """Mark what takes milliseconds. What sets a variant compiles kernels and forms pictures."""
     for item in items:
-        is_quick = any(item.path.is_relative_to(TESTS / place) for place in QUICK)
-        if is_quick and item.get_closest_marker("slow") is None:
+        sets_variant = any(
+            name.startswith(("variant", "every_variant")) for name in item.fixturenames
+        )
+        is_slow = sets_variant or item.get_closest_marker("slow") is not None
+        if may_be_quick(item.path) and not is_slow:
             item.add_marker("quick")
 
 

@@ -48,6 +48,7 @@ def moments(values):
 # ---------------------------------------------------------------- tables
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aperture", ALL, ids=str)
 @pytest.mark.parametrize("radius", [0.003, 0.3, 1.0, 7.3, 100.0])
 @pytest.mark.parametrize("depth", [NEAR, FAR])
