@@ -33,7 +33,7 @@ from .lommel_series import each_once, lommel, pair_sums, wolf_sums
 Region = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of u and v that is right in one part of their plane."""
 
-Argument = Literal["consistent", "paper"]
+Argument = Literal["paper", "consistent"]
 """A reading of equations 15 to 18, see :func:`optical_coordinates`."""
 
 ARGUMENTS: tuple[Argument, ...] = get_args(Argument)
