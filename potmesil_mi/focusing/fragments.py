@@ -97,7 +97,7 @@ class Fragments:
     def coarser(self, factor: int) -> tuple[Fragments, np.ndarray]:
         """Fragments on subpixels, and in bins, ``factor`` times as large.
 
-        The light of ``factor``² subpixels becomes that of one; its density stays the same. Also
+        The light of ``factor`` x ``factor`` subpixels becomes that of one; its density stays. Also
         returns the index of the new fragment that each old one is part of, int64 (N,).
         """
         return self._regathered(factor, self.x // factor, self.y // factor)
