@@ -1,7 +1,8 @@
-"""Camera geometry: where the pinhole stands, which way it looks, what its film covers.
+"""The pinhole camera that took a picture: where it stands, where it looks, what its film covers.
 
-Section 2.1 of Potmesil & Chakravarty (1981): pan, tilt and swing angles, the location of the
-lens, and the viewing pyramid. Nothing here needs a Mitsuba variant.
+Section 2.1 of Potmesil & Chakravarty (1981): the location of the lens and the viewing pyramid, as
+Mitsuba's ``perspective`` states them, and the matrices that follow from them. Nothing here needs a
+Mitsuba variant.
 """
 
 from __future__ import annotations
@@ -13,7 +14,20 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_number, require_whole
+from ..._validation import require_choice, require_number, require_whole
+from . import vectors
+from .basis import CAMERA_AXES, HALF_TURN, CameraAxes, convert_axes, look_at
+from .frustum import Frustum
+from .pipeline import pixel_from_ndc
+from .projection import Behind, perspective_clip_from_camera, perspective_divide
+from .vectors import (
+    assemble,
+    components,
+    homogeneous,
+    leaf_of,
+    multiply,
+    transform_points,
+)
 
 FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
 """Along what a field of view is given, as in Mitsuba's ``perspective``."""
@@ -48,6 +62,9 @@ class Camera:
     ``shutter_open``,             the interval of time in which rays are sampled
     ``shutter_close``
     ============================  ==========================================================
+
+    The methods that give matrices and points take ``axes``: ``mitsuba``, as above, or ``opengl``
+    (x to the right, -z along the view), see :mod:`potmesil_mi.optics.camera.basis`.
 
     Raises ``TypeError`` or ``ValueError`` that names the field, its value and what is allowed.
     """
@@ -98,6 +115,123 @@ class Camera:
         """Distance of the film from the pinhole in pixels: what a slope of 1 is worth."""
         return self.film_size[0] / (2 * math.tan(math.radians(self.x_fov) / 2))
 
+    @property
+    def frustum(self) -> Frustum:
+        """The view frustum of the whole film.
+
+        Raises ``ValueError`` where the principal point is not in the middle: then the frustum is
+        askew, and :meth:`clip_from_camera` has it.
+        """
+        if any(self.principal_point_offset):
+            raise ValueError(
+                f"principal_point_offset={self.principal_point_offset}: must be (0, 0) for a "
+                "Frustum, which is symmetric; see clip_from_camera"
+            )
+        aspect = self.film_size[0] / self.film_size[1]
+        return Frustum.from_x_fov(self.x_fov, aspect, self.near_clip, self.far_clip)
+
+    @classmethod
+    def looking_at(
+        cls,
+        eye: Any,
+        target: Any,
+        up: Any = (0.0, 1.0, 0.0),
+        *,
+        film_size: tuple[int, int],
+        x_fov: float,
+        **fields: Any,
+    ) -> Camera:
+        """The camera at ``eye`` that sees ``target`` in the middle, ``up`` upwards in its picture.
+
+        ``fields`` are other fields; without a crop window the picture is the whole film. Raises
+        what :func:`look_at` and the constructor raise.
+        """
+        matrix = look_at(eye, target, up, axes="mitsuba")
+        fields = {"crop_offset": (0, 0), "crop_size": film_size, **fields}
+        rows = tuple(tuple(row) for row in matrix.tolist())
+        return cls(film_size=film_size, x_fov=x_fov, to_world=rows, **fields)
+
+    # ------------------------------------------------------------ the view pipeline
+
+    def world_from_camera(self, axes: CameraAxes = "mitsuba") -> np.ndarray:
+        """``to_world`` as an array (4, 4), from camera space with these ``axes``."""
+        require_choice("axes", axes, CAMERA_AXES)
+        matrix = np.array(self.to_world, dtype=np.float64)
+        return matrix if axes == "mitsuba" else matrix @ HALF_TURN
+
+    def camera_from_world(self, axes: CameraAxes = "mitsuba") -> np.ndarray:
+        """The inverse of :meth:`world_from_camera`.
+
+        Raises ``ValueError`` for a ``to_world`` that has none.
+        """
+        try:
+            return np.linalg.inv(self.world_from_camera(axes))
+        except np.linalg.LinAlgError:
+            raise ValueError(f"to_world={self.to_world}: must be invertible") from None
+
+    def clip_from_camera(self, axes: CameraAxes = "mitsuba") -> np.ndarray:
+        """Camera points to homogeneous clip space, (4, 4), of the whole film.
+
+        x is to the right, y up, z -1 on ``near_clip`` and 1 on ``far_clip``. The principal point is
+        where ``principal_point_offset`` puts it.
+        """
+        slope = self.near_clip * math.tan(math.radians(self.x_fov) / 2)
+        height = slope * self.film_size[1] / self.film_size[0]
+        x, y = (2 * offset for offset in self.principal_point_offset)
+        return perspective_clip_from_camera(
+            -(1 + x) * slope,
+            (1 - x) * slope,
+            -(1 - y) * height,
+            (1 + y) * height,
+            self.near_clip,
+            self.far_clip,
+            axes,
+        )
+
+    def clip_from_world(self) -> np.ndarray:
+        """World points to homogeneous clip space, (4, 4), of the whole film."""
+        return self.clip_from_camera() @ self.camera_from_world()
+
+    def pixel_from_camera(
+        self, points: Any, axes: CameraAxes = "mitsuba", behind: Behind = "refuse"
+    ) -> Any:
+        """Pixels (..., 2) of the whole film where camera points (..., 3) are seen.
+
+        Points may be arrays of NumPy or of Dr.Jit. Those beyond the film and the clipping planes
+        have pixels, too. Raises ``ValueError`` for a point at or behind the camera, whose pixels
+        are NaN with ``behind="nan"``.
+        """
+        clip = multiply(self.clip_from_camera(axes), homogeneous(points))
+        return pixel_from_ndc(perspective_divide(clip, behind), *self.film_size)
+
+    def pixel_from_world(self, points: Any, behind: Behind = "refuse") -> Any:
+        """Pixels (..., 2) of the whole film where world points (..., 3) are seen."""
+        camera = transform_points(self.camera_from_world(), points)
+        return self.pixel_from_camera(camera, behind=behind)
+
+    def depth_from_world(self, points: Any) -> Any:
+        """Depth (...) of world points (..., 3): camera-space z, > 0 in front of the camera."""
+        return components("points", transform_points(self.camera_from_world(), points), 3)[2]
+
+    def camera_from_pixel(self, pixels: Any, depth: Any, axes: CameraAxes = "mitsuba") -> Any:
+        """Camera points (..., 3) that are seen at ``pixels`` (..., 2) and have this depth (...)."""
+        require_choice("axes", axes, CAMERA_AXES)
+        leaf = leaf_of(pixels, depth)
+        x, y = components("pixels", pixels, 2, leaf)
+        z = vectors.number("depth", depth, leaf)
+        width, height = self.film_size
+        left = (0.5 + self.principal_point_offset[0]) * width - x
+        up = (0.5 + self.principal_point_offset[1]) * height - y
+        scale = z / self.focal_length_pixels
+        points = assemble([left * scale, up * scale, z])
+        return points if axes == "mitsuba" else convert_axes(points)
+
+    def world_from_pixel(self, pixels: Any, depth: Any) -> Any:
+        """World points (..., 3) that are seen at ``pixels`` (..., 2) and have this depth (...)."""
+        return transform_points(self.world_from_camera(), self.camera_from_pixel(pixels, depth))
+
+    # ------------------------------------------------------------ as values
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON-ready values."""
         return dataclasses.asdict(self)
@@ -119,24 +253,6 @@ class Camera:
             if field.default is dataclasses.MISSING and field.name not in values:
                 raise TypeError(f"{field.name}: must be given for a Camera")
         return cls(**{name: _tuples(value) for name, value in values.items()})
-
-
-def orientation(pan: float, tilt: float, swing: float) -> np.ndarray:
-    """The 3x3 camera-to-world rotation of the paper's angles, in degrees.
-
-    With all angles 0 the camera looks along +z with +y up (and +x on the left). The order is
-    pan, then tilt, then swing, each about the camera's axes as the rotation before left them:
-    R = Ry(-pan) Rx(-tilt) Rz(swing). Positive ``pan`` turns the view to the right, positive
-    ``tilt`` upwards, and positive ``swing`` turns the camera clockwise about its line of sight,
-    as seen from behind it.
-    """
-    (sp, cp), (st, ct), (ss, cs) = (
-        (math.sin(angle), math.cos(angle)) for angle in np.radians([-pan, -tilt, swing])
-    )
-    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_x = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
-    about_z = np.array([[cs, -ss, 0], [ss, cs, 0], [0, 0, 1]])
-    return about_y @ about_x @ about_z
 
 
 def horizontal_fov(fov: float, axis: FovAxis, aspect: float) -> float:
