@@ -51,7 +51,7 @@ evaluating = threading.RLock()
 def __getattr__(attribute: str) -> Any:
     if attribute not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {attribute!r}")
-    return getattr(_arrays(name()), attribute)
+    return getattr(_arrays(variant()), attribute)
 
 
 def variant() -> str | None:
@@ -66,13 +66,7 @@ def name() -> str:
     Raises ``RuntimeError`` while a scalar variant is set, ``LLVMError`` where no variant is set
     and there is neither a GPU nor an LLVM that can be used.
     """
-    set_ = variant()
-    if set_ is None:
-        return _first_that_works()
-    if set_.startswith("scalar"):
-        require_vectorised_variant("potmesil_mi")
-    backend = set_.split("_", 1)[0]
-    return f"drjit.{backend}.ad" if "_ad_" in set_ else f"drjit.{backend}"
+    return _arrays(variant()).__name__
 
 
 def require_vectorised_variant(what: str) -> None:
@@ -86,13 +80,15 @@ def require_vectorised_variant(what: str) -> None:
 
 
 @functools.cache
-def _first_that_works() -> str:
-    _llvm.require_usable()
-    import drjit as dr
+def _arrays(set_: str | None) -> ModuleType:
+    """The module of Dr.Jit whose types go with a variant, or with none."""
+    if set_ is None:
+        _llvm.require_usable()
+        import drjit as dr
 
-    return "drjit.cuda.ad" if dr.has_backend(dr.JitBackend.CUDA) else "drjit.llvm.ad"
-
-
-@functools.cache
-def _arrays(module: str) -> ModuleType:
-    return importlib.import_module(module)
+        backend = "cuda" if dr.has_backend(dr.JitBackend.CUDA) else "llvm"
+        return importlib.import_module(f"drjit.{backend}.ad")
+    if set_.startswith("scalar"):
+        require_vectorised_variant("potmesil_mi")
+    backend = set_.split("_", 1)[0]
+    return importlib.import_module(f"drjit.{backend}" + (".ad" if "_ad_" in set_ else ""))

@@ -75,14 +75,17 @@ def bands(view: LensView, blur: Blur, kept_radius: float) -> Iterator[Band]:
     focused = (blur.focused_vergence - some.vergence_min) / some.bin_width
     bins = 1 / (blur.radius_per_vergence * some.bin_width)
 
+    def fragments_in(bin_: np.ndarray) -> np.ndarray:
+        inside = (bin_ >= 0) & (bin_ < len(counts))
+        return np.where(inside, counts[np.clip(bin_, 0, len(counts) - 1)], 0)
+
     def parting(edge: float) -> int:
         """The first bin beyond a signed radius; it begins a bin of the coarser views, too."""
         size = _resolution(abs(edge) * PARTING, kept_radius)
         ends = sorted(focused + edge * bins * by for by in (1 / PARTING, PARTING))
         first, last = (min(max(round(end / size), 0), len(counts) // size + 1) for end in ends)
         at = np.arange(first, last + 1) * size
-        beside = np.pad(counts, (1, 2 * size + 1))
-        number = beside[at] + beside[at + 1]
+        number = fragments_in(at - 1) + fragments_in(at)
         fewest = at[number == number.min()]
         return int(fewest[np.abs(fewest - (focused + edge * bins)).argmin()])
 
