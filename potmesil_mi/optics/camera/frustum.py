@@ -23,6 +23,7 @@ from .vectors import (
     degrees,
     dot,
     leaf_of,
+    maximum,
     minimum,
     number,
     radians,
@@ -263,7 +264,9 @@ class Frustum:
         the ball touches it and the part of the velocity that leads outwards is turned round, so the
         speed stays. (The exercise compares x_c with w_c/2 - radius, along x; here the distance is
         that from the slanted plane, so it is the ball that touches and not its x-axis.) In a corner
-        the planes follow each other in the order of ``FRUSTUM_PLANES``.
+        the planes follow each other in the order of ``FRUSTUM_PLANES``, and what one has pushed
+        beyond another is brought back along z, then x and y. The frustum must have room for the
+        ball.
         """
         planes = self.planes(axes)
         leaf = leaf_of(center, velocity, radius, *planes)
@@ -275,7 +278,18 @@ class Frustum:
             outwards = where(depth < 0, minimum(dot(normal, v), 0.0), 0.0)
             c = [x - depth * n for x, n in zip(c, normal, strict=True)]
             v = [x - 2 * outwards * n for x, n in zip(v, normal, strict=True)]
-        return assemble(c), assemble(v)
+        return assemble(self._with_room(c, r, axes, leaf)), assemble(v)
+
+    def _with_room(self, center: list[Any], radius: Any, axes: CameraAxes, leaf: Any) -> list[Any]:
+        """The centre of a ball moved along z, then x and y, to where the ball is in the frustum."""
+        ahead = -1.0 if axes == "opengl" else 1.0
+        near, far = self._numbers(leaf)[2:]
+        depth = maximum(minimum(ahead * center[2], far - radius), near + radius)
+        inside = []
+        for x, slope in zip(center[:2], self._slopes(leaf), strict=True):
+            room = maximum(slope * depth - radius * sqrt(1 + slope * slope), 0.0)
+            inside.append(maximum(minimum(x, room), -room))
+        return [*inside, ahead * depth]
 
     # ------------------------------------------------------------ zoom
 

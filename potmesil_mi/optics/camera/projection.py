@@ -162,8 +162,8 @@ def perspective_clip_from_camera(
     x, y, width, height = _sides(left, right, bottom, top, leaf)
     n = number("near", near, leaf)
     window = [
-        [2 * n / width, 0.0, x / width, 0.0],
-        [0.0, 2 * n / height, y / height, 0.0],
+        [2 * n / width, 0.0, 0.0, -n * x / width],
+        [0.0, 2 * n / height, 0.0, -n * y / height],
         [0.0, 0.0, n, 0.0],
         [0.0, 0.0, 0.0, n],
     ]

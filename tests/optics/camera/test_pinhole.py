@@ -1,4 +1,4 @@
-"""Orientation by pan, tilt and swing, fields of view, and the camera's description."""
+"""The camera's description, its fields of view, and the matrices and pixels that follow from it."""
 
 import dataclasses
 import json
@@ -10,71 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from potmesil_mi import Camera
-from potmesil_mi.optics.camera import FOV_AXES, horizontal_fov, orientation
-
-ANGLES = st.floats(-360, 360)
-LEFT, UP, AHEAD = np.eye(3)
-RIGHT = -LEFT
-
-
-# ---------------------------------------------------------------- orientation
-
-
-def test_without_angles_the_camera_looks_along_z_with_y_up():
-    np.testing.assert_array_equal(orientation(0, 0, 0), np.eye(3))
-
-
-@pytest.mark.parametrize(
-    ("angles", "axis", "turned_to"),
-    [
-        ((90, 0, 0), AHEAD, RIGHT),
-        ((90, 0, 0), UP, UP),
-        ((0, 90, 0), AHEAD, UP),
-        ((0, 90, 0), LEFT, LEFT),
-        ((0, 0, 90), UP, RIGHT),
-        ((0, 0, 90), AHEAD, AHEAD),
-    ],
-    ids=["pan_right", "pan_about_y", "tilt_up", "tilt_about_x", "swing_clockwise", "swing_about_z"],
-)
-def test_positive_angles_turn_right_upwards_and_clockwise(angles, axis, turned_to):
-    np.testing.assert_allclose(orientation(*angles) @ axis, turned_to, atol=1e-15)
-
-
-@given(ANGLES, ANGLES, ANGLES)
-def test_orientation_is_a_rotation(pan, tilt, swing):
-    rotation = orientation(pan, tilt, swing)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(rotation) == pytest.approx(1, abs=1e-14)
-
-
-def turned(vectors, axis, degrees):
-    """The columns of `vectors` turned about `axis`, right-handed (Rodrigues)."""
-    angle = math.radians(degrees)
-    along = np.outer(axis, axis @ vectors)
-    across = np.cross(axis, vectors, axisb=0, axisc=0)
-    return along + math.cos(angle) * (vectors - along) + math.sin(angle) * across
-
-
-@given(ANGLES, ANGLES, ANGLES)
-def test_pan_then_tilt_then_swing_about_the_axes_that_moved_along(pan, tilt, swing):
-    frame = np.eye(3)
-    frame = turned(frame, frame[:, 1], -pan)
-    frame = turned(frame, frame[:, 0], -tilt)
-    frame = turned(frame, frame[:, 2], swing)
-    np.testing.assert_allclose(orientation(pan, tilt, swing), frame, atol=1e-13)
-
-
-@given(ANGLES, ANGLES, ANGLES)
-def test_swing_leaves_the_line_of_sight(pan, tilt, swing):
-    p, t = math.radians(pan), math.radians(tilt)
-    line_of_sight = [-math.sin(p) * math.cos(t), math.sin(t), math.cos(p) * math.cos(t)]
-    np.testing.assert_allclose(orientation(pan, tilt, swing) @ AHEAD, line_of_sight, atol=1e-14)
-
-
-@given(ANGLES, ANGLES)
-def test_without_swing_the_horizon_is_level(pan, tilt):
-    assert (orientation(pan, tilt, 0) @ LEFT) @ UP == pytest.approx(0, abs=1e-15)
-
+from potmesil_mi.optics import camera as cam
+from potmesil_mi.optics.camera import FOV_AXES, horizontal_fov
 
 # ---------------------------------------------------------------- fields of view
 
@@ -187,3 +124,111 @@ def test_a_missing_field_is_named():
     del values["x_fov"]
     with pytest.raises(TypeError, match="x_fov: must be given"):
         Camera.from_dict(values)
+
+
+# ---------------------------------------------------------------- matrices and pixels
+
+
+def off_axis(**fields):
+    """A camera whose principal point is off the middle, seen from a place of no symmetry."""
+    return Camera.looking_at(
+        (1, 2, 3),
+        (-4, 1, 7),
+        (0.1, 1, 0.2),
+        film_size=(320, 200),
+        x_fov=70,
+        near_clip=0.5,
+        far_clip=40.0,
+        principal_point_offset=(0.1, -0.05),
+        **fields,
+    )
+
+
+POINTS = np.random.default_rng(11).normal([-4, 1, 7], 1, (50, 3))
+
+
+def test_the_target_is_seen_at_the_principal_point():
+    pixel = off_axis().pixel_from_world((-4, 1, 7))
+    np.testing.assert_allclose(pixel, [0.6 * 320, 0.45 * 200], atol=1e-12)
+
+
+def test_a_camera_that_looks_at_something_covers_the_whole_film():
+    camera = off_axis()
+    assert camera.crop_size == camera.film_size == (320, 200)
+    assert off_axis(crop_offset=(1, 2), crop_size=(3, 4)).crop_size == (3, 4)
+
+
+def test_pixels_and_depths_give_the_points_back():
+    camera = off_axis()
+    pixels, depth = camera.pixel_from_world(POINTS), camera.depth_from_world(POINTS)
+    np.testing.assert_allclose(camera.world_from_pixel(pixels, depth), POINTS, atol=1e-12)
+
+
+def test_pixels_are_those_of_clip_space_and_viewport():
+    camera = off_axis()
+    clip = cam.multiply(camera.clip_from_world(), cam.homogeneous(POINTS))
+    expected = cam.pixel_from_ndc(cam.perspective_divide(clip), 320, 200)
+    np.testing.assert_allclose(camera.pixel_from_world(POINTS), expected, atol=1e-11)
+
+
+def test_the_clipping_planes_become_minus_1_and_1():
+    for depth, expected in ((0.5, -1), (40.0, 1)):
+        point = off_axis().camera_from_pixel((10, 20), depth)
+        clip = cam.multiply(off_axis().clip_from_camera(), cam.homogeneous(point))
+        assert cam.perspective_divide(clip)[2] == pytest.approx(expected, abs=1e-12)
+
+
+def test_both_conventions_of_axes_see_the_same():
+    camera = off_axis()
+    ours = cam.transform_points(camera.camera_from_world("opengl"), POINTS)
+    theirs = cam.transform_points(camera.camera_from_world(), POINTS)
+    assert (ours[:, 2] < 0).all()
+    assert (theirs[:, 2] > 0).all()
+    np.testing.assert_allclose(cam.convert_axes(ours), theirs, atol=1e-12)
+    np.testing.assert_allclose(
+        camera.pixel_from_camera(ours, "opengl"), camera.pixel_from_camera(theirs), atol=1e-11
+    )
+    pixels = camera.pixel_from_world(POINTS)
+    np.testing.assert_allclose(
+        camera.camera_from_pixel(pixels, theirs[:, 2], "opengl"), ours, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        camera.clip_from_camera("opengl") @ camera.camera_from_world("opengl"),
+        camera.clip_from_world(),
+        atol=1e-12,
+    )
+
+
+def test_the_frustum_of_a_camera_has_its_matrix():
+    camera = dataclasses.replace(off_axis(), principal_point_offset=(0.0, 0.0))
+    np.testing.assert_allclose(
+        camera.frustum.clip_from_camera("mitsuba"), camera.clip_from_camera(), atol=1e-12
+    )
+    assert camera.frustum.x_fov == pytest.approx(70, rel=1e-14)
+
+
+def test_a_frustum_askew_is_refused():
+    with pytest.raises(ValueError, match=r"^principal_point_offset=\(0.1, -0.05\): must be"):
+        off_axis().frustum  # noqa: B018
+
+
+def test_points_behind_a_camera_are_refused_or_flagged():
+    camera = off_axis()
+    behind = camera.world_from_pixel([(5, 5), (6, 6)], [3.0, -3.0])
+    with pytest.raises(ValueError, match=r"^clip=\(.*\): must be in front of the camera"):
+        camera.pixel_from_world(behind)
+    pixels = camera.pixel_from_world(behind, behind="nan")
+    np.testing.assert_allclose(pixels[0], [5, 5], atol=1e-12)
+    assert np.isnan(pixels[1]).all()
+
+
+def test_a_camera_without_an_inverse_is_named():
+    with pytest.raises(ValueError, match=r"^to_world=.*: must be invertible"):
+        camera().camera_from_world()
+
+
+def test_a_far_plane_at_infinity_has_pixels():
+    camera = dataclasses.replace(off_axis(), far_clip=math.inf)
+    np.testing.assert_allclose(
+        camera.pixel_from_world(POINTS), off_axis().pixel_from_world(POINTS), atol=1e-11
+    )
