@@ -116,6 +116,16 @@ class Camera:
         return self.film_size[0] / (2 * math.tan(math.radians(self.x_fov) / 2))
 
     @property
+    def principal_point(self) -> tuple[float, float]:
+        """The pixel (x, y) that the camera looks along, the foot of the pinhole on the film.
+
+        It is (0.5 - ``principal_point_offset``) times the film's size: Mitsuba adds the offset to
+        the place of a sample on the film, so a positive one moves what is seen left and up.
+        """
+        (width, height), (x, y) = self.film_size, self.principal_point_offset
+        return (0.5 - x) * width, (0.5 - y) * height
+
+    @property
     def frustum(self) -> Frustum:
         """The view frustum of the whole film.
 
@@ -172,17 +182,17 @@ class Camera:
     def clip_from_camera(self, axes: CameraAxes = "mitsuba") -> np.ndarray:
         """Camera points to homogeneous clip space, (4, 4), of the whole film.
 
-        x is to the right, y up, z -1 on ``near_clip`` and 1 on ``far_clip``. The principal point is
-        where ``principal_point_offset`` puts it.
+        Its x is to the right, y up, z -1 on ``near_clip`` and 1 on ``far_clip``; the axis of view
+        meets the film at the :attr:`principal_point`.
         """
         slope = self.near_clip * math.tan(math.radians(self.x_fov) / 2)
         height = slope * self.film_size[1] / self.film_size[0]
         x, y = (2 * offset for offset in self.principal_point_offset)
         return perspective_clip_from_camera(
-            -(1 + x) * slope,
-            (1 - x) * slope,
-            -(1 - y) * height,
-            (1 + y) * height,
+            -(1 - x) * slope,
+            (1 + x) * slope,
+            -(1 + y) * height,
+            (1 - y) * height,
             self.near_clip,
             self.far_clip,
             axes,
@@ -219,10 +229,8 @@ class Camera:
         leaf = leaf_of(pixels, depth)
         x, y = components("pixels", pixels, 2, leaf)
         z = vectors.number("depth", depth, leaf)
-        width, height = self.film_size
-        left = (0.5 + self.principal_point_offset[0]) * width - x
-        up = (0.5 + self.principal_point_offset[1]) * height - y
         scale = z / self.focal_length_pixels
+        left, up = (middle - at for middle, at in zip(self.principal_point, (x, y), strict=True))
         points = assemble([left * scale, up * scale, z])
         return points if axes == "mitsuba" else convert_axes(points)
 

@@ -149,7 +149,8 @@ POINTS = np.random.default_rng(11).normal([-4, 1, 7], 1, (50, 3))
 
 def test_the_target_is_seen_at_the_principal_point():
     pixel = off_axis().pixel_from_world((-4, 1, 7))
-    np.testing.assert_allclose(pixel, [0.6 * 320, 0.45 * 200], atol=1e-12)
+    np.testing.assert_allclose(pixel, off_axis().principal_point, atol=1e-12)
+    assert off_axis().principal_point == pytest.approx((0.4 * 320, 0.55 * 200))
 
 
 def test_a_camera_that_looks_at_something_covers_the_whole_film():
