@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from potmesil_mi.optics import depth as d
+from potmesil_mi.optics.camera import Frustum, homogeneous, multiply, perspective_divide
 
 CONVENTIONS = list(itertools.product(d.CLIPS, (False, True)))
 PLANES = [(1.0, 3.0), (0.5, 10.0), (2.0, 10.0), (0.01, 100.0), (0.3, math.inf)]
@@ -53,6 +54,16 @@ def test_ndc_depth_is_the_pseudodepth_of_section_5_7():
     a, b = -(f + F) / (f - F) / f, 2 * F / (f - F)
     z = -np.linspace(2, 10, 101)
     np.testing.assert_allclose(d.ndc_from_depth(-z, 2, 10), f / z * (a * z + b), atol=1e-12)
+
+
+@pytest.mark.parametrize(("near", "far"), PLANES)
+def test_ndc_depth_is_what_the_frustums_matrix_gives(near, far):
+    z = between(near, far)
+    points = np.stack([0.1 * z, -0.2 * z, -z], axis=-1)
+    ndc = perspective_divide(
+        multiply(Frustum(60, 1.5, near, far).clip_from_camera(), homogeneous(points))
+    )
+    np.testing.assert_allclose(d.ndc_from_depth(z, near, far), ndc[:, 2], atol=1e-12)
 
 
 @pytest.mark.parametrize(("clip", "reverse"), CONVENTIONS)
