@@ -2,12 +2,13 @@
 
 Two conventions of a camera's axes are known here, both right-handed:
 
-===========  =======================  =========================================================
-``axes``     x, y and z point         who has it
-===========  =======================  =========================================================
-``opengl``   right, up, backwards     both texts, OpenGL, three.js' cameras: the view is along -z
-``mitsuba``  left, up, along the view  Mitsuba, :class:`Camera`, three.js' ``Object3D.lookAt``
-===========  =======================  =========================================================
+===========  ========================  ========================================================
+``axes``     x, y and z point          who has it
+===========  ========================  ========================================================
+``opengl``   right, up, backwards      both texts, OpenGL, three.js' cameras; the view is along
+                                       -z
+``mitsuba``  left, up, along the view  Mitsuba, ``Camera``, three.js' ``Object3D.lookAt``
+===========  ========================  ========================================================
 
 Half a turn about y leads from either to the other: :func:`convert_axes` for points, and the matrix
 ``HALF_TURN``, its own inverse: ``world_from_mitsuba = world_from_opengl @ HALF_TURN``.

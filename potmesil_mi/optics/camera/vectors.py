@@ -1,7 +1,7 @@
 """Points, vectors and matrices of NumPy and of Dr.Jit alike, for the formulas of cameras.
 
 =================  ======================================  ======================================
-What               NumPy (lists and tuples of numbers too)  Dr.Jit
+What               NumPy, lists and tuples of numbers      Dr.Jit
 =================  ======================================  ======================================
 number             a number, or an array of shape (...)     ``Float``
 point, vector      (..., 2), (..., 3) or (..., 4)           ``Array2f``, ``Array3f``, ``Array4f``,
