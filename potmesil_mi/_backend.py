@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
-import threading
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -39,13 +38,9 @@ __all__ = [
     "TensorXf",
     "UInt8",
     "UInt32",
-    "evaluating",
     "name",
     "require_vectorised_variant",
 ]
-
-evaluating = threading.RLock()
-"""Held while arrays are evaluated: threads that evaluate at once spoil each other's sums."""
 
 
 def __getattr__(attribute: str) -> Any:

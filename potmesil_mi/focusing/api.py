@@ -84,8 +84,4 @@ def focus(
         inverse_square=inverse_square,
         squares=squares,
     )
-    if not isinstance(samples, PointSamples):
-        raise TypeError(
-            f"samples={type(samples).__name__}: must be PointSamples, as render_samples gives"
-        )
     return form_picture(samples, lens, chosen, memo_of(samples), psf, rfilter, alpha, filters)

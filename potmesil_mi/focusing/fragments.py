@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import threading
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -283,14 +284,16 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
 
 
 def scatter_mode() -> dr.ReduceMode:
-    """The mode in which sums are scattered fastest.
+    """The mode in which sums are scattered fastest, and right.
 
-    With LLVM Dr.Jit would choose ``Local`` for large targets, which is several times slower. The
-    sums of ``Expand`` are right only while no other thread evaluates anything, see
-    :data:`potmesil_mi._backend.evaluating`.
+    With LLVM Dr.Jit would choose ``Local`` for large targets, which is several times slower.
+    ``Expand`` gives each of Dr.Jit's threads a copy of the target, and one copy to all of Python's
+    threads: any that waits for arrays works along, so with several of them sums get lost.
     """
-    llvm = dr.backend_v(jit.Float) == dr.JitBackend.LLVM
-    return dr.ReduceMode.Expand if llvm else dr.ReduceMode.Auto
+    if dr.backend_v(jit.Float) != dr.JitBackend.LLVM:
+        return dr.ReduceMode.Auto
+    alone = threading.active_count() == 1
+    return dr.ReduceMode.Expand if alone else dr.ReduceMode.Direct
 
 
 def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:

@@ -75,14 +75,10 @@ class LensPoints:
     ) -> LensPoints:
         """``count`` points of the aperture, with ``subpixels`` on a side of a pixel."""
         scale = -1 / np.array([lens.squeeze, 1])
-        width, height = samples.camera.film_size
-        offset = samples.camera.principal_point_offset
+        x, y = samples.camera.principal_point
         left, top = samples.window[:2]
-        middle = (
-            ((0.5 + offset[0]) * width - left) * subpixels,
-            ((0.5 + offset[1]) * height - top) * subpixels,
-        )
-        corner = math.hypot(width, height) / 2 * subpixels
+        middle = ((x - left) * subpixels, (y - top) * subpixels)
+        corner = math.hypot(*samples.camera.film_size) / 2 * subpixels
         whole_disc = aperture.is_round and lens.squeeze == 1 and lens.vignetting == 0
         return cls(
             aperture.points(count) * scale,

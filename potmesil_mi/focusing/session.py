@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import weakref
 from collections.abc import Sequence
 from typing import Any
@@ -22,6 +23,9 @@ from .methods import Method, MethodName
 
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
+
+_forming = threading.RLock()
+"""Held while a picture is formed: what is kept is for one thread at a time."""
 
 
 class FocusSession:
@@ -77,12 +81,12 @@ class FocusSession:
     @property
     def nbytes(self) -> int:
         """Memory in bytes of what is kept, without the samples."""
-        with jit.evaluating:
+        with _forming:
             return self._memo.nbytes
 
     def clear(self) -> None:
         """Give up what is kept; the next focus finds it out again."""
-        with jit.evaluating:
+        with _forming:
             self._memo.clear()
 
     def __repr__(self) -> str:
@@ -90,8 +94,9 @@ class FocusSession:
 
 
 def memo_of(samples: PointSamples) -> Memo:
-    """What is kept for ``samples`` as long as they are."""
-    with jit.evaluating:
+    """What is kept for ``samples`` as long as they are. Raises ``TypeError`` for anything else."""
+    _require_samples(samples)
+    with _forming:
         return _memos.setdefault(samples, Memo())
 
 
@@ -106,7 +111,8 @@ def form_picture(
     filters: Sequence[FilterFunction | str],
 ) -> jit.TensorXf:
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
-    jit.name()  # raises while a scalar variant is set
+    if jit.variant() is not None:  # None: the first backend that works is taken
+        jit.require_vectorised_variant("focus")
     lens = _plain(samples.lens if lens is None else lens).in_units(
         samples.lens.millimeters_per_unit
     )
@@ -121,7 +127,7 @@ def form_picture(
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
-    with jit.evaluating:
+    with _forming:
         exposures = [Exposure(samples, lens, each, subpixels, bool(alpha)) for each in channels]
         pictures = [
             reconstruct(*method.form(exposure, memo), subpixels, rfilter) for exposure in exposures

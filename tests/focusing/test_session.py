@@ -15,6 +15,12 @@ from scenes import overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
+FEW_TABLES = pm.Equation20(tables=5)
+
+METHODS = pytest.mark.parametrize(
+    "method", ["layered", "lightfield", FEW_TABLES], ids=["layered", "lightfield", "paper"]
+)
+
 APERTURES = [0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0]
 
 
@@ -26,7 +32,7 @@ def pictures(session, f_numbers=APERTURES):
     return [np.array(session.focus(lens_of(session.samples, n))) for n in f_numbers]
 
 
-@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+@METHODS
 def test_a_session_forms_the_pictures_of_focus(method):
     samples = overscanned()
     session = pm.FocusSession(samples, method)
@@ -102,7 +108,7 @@ def test_what_was_not_used_for_longest_goes_first():
         {"lens": "wide"},
     ],
 )
-@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+@METHODS
 def test_a_refused_call_changes_nothing(method, refused):
     samples = overscanned()
     session = pm.FocusSession(samples, method)
@@ -128,8 +134,6 @@ def test_a_dr_jit_array_for_alpha_is_refused_and_later_pictures_are_right():
 
 class Broken(pm.Disc):
     """An aperture that fails when it is looked through."""
-
-    name = "broken"
 
     def points(self, count):
         raise RuntimeError("broken")
@@ -206,7 +210,7 @@ def test_a_session_that_nobody_holds_frees_its_samples():
 # ---------------------------------------------------------------- threads
 
 
-@pytest.mark.parametrize("method", ["layered", "lightfield", "paper"])
+@METHODS
 @pytest.mark.parametrize("shared", [True, False], ids=["same_samples", "own_samples"])
 def test_four_threads_form_the_pictures_that_one_forms(method, shared):
     samples = overscanned(30_000)
@@ -233,3 +237,31 @@ def test_four_threads_form_the_pictures_that_one_forms(method, shared):
     assert not errors
     assert len(differences) == 20
     assert max(differences) < 1e-5
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield", FEW_TABLES], ids=str)
+def test_threads_that_evaluate_other_arrays_at_once_spoil_no_picture(method):
+    samples = overscanned(60_000)
+    expected = pictures(pm.FocusSession(samples, method), APERTURES[:3])
+    numbers = np.linspace(0, 1, 200_000, dtype=np.float32)
+    done = threading.Event()
+
+    def evaluate():
+        while not done.is_set():
+            np.array(mi.Float(numbers) * 2 + 1)
+
+    threads = [threading.Thread(target=evaluate) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    try:
+        found = [
+            image
+            for _ in range(3)
+            for image in pictures(pm.FocusSession(samples, method), APERTURES[:3])
+        ]
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+    for image, right in zip(found, 3 * expected, strict=True):
+        np.testing.assert_allclose(image, right, atol=1e-5)
