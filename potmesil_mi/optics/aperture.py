@@ -1,7 +1,7 @@
 """Apertures: the shapes of a lens's opening, and what they make of the light of one point.
 
 Section 3.2 of Potmesil & Chakravarty (1981), figure 9: the focus stage asks for the kernel of a
-point-spread function, the integrals of the intensity over the squares of a grid. Lengths here are
+point-spread function, the integrals of the intensity over the pixels of a raster. Lengths here are
 in radii of the aperture, which knows no lens.
 
 Apertures are described as a photographer sees them from behind the camera, the right way up. So
@@ -25,10 +25,10 @@ from .lens_protocol import LensProtocol
 from .summed_area import summed_area
 
 SHARP = 1e-6
-"""Least radius of a circle of confusion, in squares of a grid: a sharp point is a circle of it."""
+"""Least radius of a circle of confusion, in pixels: a sharp point is a circle of it."""
 
 FINE_RADIUS = 128
-"""Radius, in squares, of the kernel in which the variances of an aperture are measured."""
+"""Radius, in pixels, of the kernel in which the variances of an aperture are measured."""
 
 POINTS_MAP = 256
 """Elements on a side of the picture of an aperture from which its points are drawn, where the
@@ -50,7 +50,7 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
     """
 
     finest: ClassVar[float] = 6
-    """Radius of a circle, in squares, at which its kernel shows all there is to be seen."""
+    """Radius of a circle, in pixels, at which its kernel shows all there is to be seen."""
 
     diffracts: ClassVar[bool] = False
     """Whether the light goes beyond the circle of confusion, in patterns that change with it."""
@@ -67,12 +67,12 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
         self,
         lens: LensProtocol,
         depth: float,
-        squares_per_mm: float,
+        pixels_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """The kernel of a point at ``depth``: see :meth:`potmesil_mi.PointSpreadFunction.table`."""
-        radius = float(lens.circle_of_confusion(depth)) * squares_per_mm / 2
+        radius = float(lens.circle_of_confusion(depth)) * pixels_per_mm / 2
         return self.circle_kernel(radius, float(lens.squeeze), offset, largest)
 
     def circle_kernel(
@@ -82,7 +82,7 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
         offset: ArrayLike = (0.0, 0.0),
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
-        """The kernel of a circle of a radius in squares, positive nearer than what is focused.
+        """The kernel of a circle of a radius in pixels, positive nearer than what is focused.
 
         ``offset``, ``largest`` and the result are those of
         :meth:`potmesil_mi.PointSpreadFunction.table`.
@@ -100,7 +100,7 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
         offset: np.ndarray,
         largest: tuple[int, int] | None,
     ) -> np.ndarray:
-        """The kernel of the aperture itself, upright, ``radius`` squares in size."""
+        """The kernel of the aperture itself, upright, ``radius`` pixels in size."""
         x, y = np.moveaxis(offset, -1, 0)
         reach_x, reach_y = math.ceil(radius / squeeze), math.ceil(radius)
         if largest is not None:

@@ -43,7 +43,7 @@ def disc_kernel(
     offset: ArrayLike = (0.5, 0.5),
     largest: tuple[int, int] | None = None,
 ) -> np.ndarray:
-    """The kernel of a disc of ``radius`` squares; see :meth:`Aperture.circle_kernel`."""
+    """The kernel of a disc of ``radius`` pixels; see :meth:`Aperture.circle_kernel`."""
     offset = np.asarray(offset, dtype=np.float64)
     return Disc().upright_kernel(max(radius, SHARP), 1.0, offset, largest)
 

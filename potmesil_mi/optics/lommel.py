@@ -18,7 +18,7 @@ from .lens_protocol import LensProtocol
 from .spectrum import BANDS, SPECTRUM, sensitivity
 
 UNIFORM_RADIUS = 0.25
-"""Radius in squares of a circle within which a truncated pattern is taken as uniform."""
+"""Radius in pixels of a circle within which a truncated pattern is taken as uniform."""
 
 
 class _Diffracting(Aperture):
@@ -53,12 +53,12 @@ class LommelChannel(_Diffracting):
         self,
         lens: LensProtocol,
         depth: float,
-        squares_per_mm: float,
+        pixels_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """See :meth:`potmesil_mi.PointSpreadFunction.table`: the mean over the wavelengths."""
-        radius = abs(float(lens.circle_of_confusion(depth))) * squares_per_mm / 2
+        radius = abs(float(lens.circle_of_confusion(depth))) * pixels_per_mm / 2
         end = radius if self.truncated else math.inf
         if end < UNIFORM_RADIUS:
             return disc_kernel(end, offset, largest)
@@ -68,7 +68,7 @@ class LommelChannel(_Diffracting):
                 abs(float(np.asarray(value)))
                 for value in optical_coordinates(lens, depth, 1.0, wavelength, self.argument)
             )
-            pattern = (_significant(u), _significant(per_mm / squares_per_mm), _significant(end))
+            pattern = (_significant(u), _significant(per_mm / pixels_per_mm), _significant(end))
             kernels.append((diffraction_kernel(*pattern, offset, largest), share))
         return _mean_kernel(kernels)
 
@@ -133,14 +133,14 @@ class Lommel(_Diffracting):
         self,
         lens: LensProtocol,
         depth: float,
-        squares_per_mm: float,
+        pixels_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
         """See :meth:`potmesil_mi.PointSpreadFunction.table`: the mean of the channels."""
         lines = tuple(line for channel in self.channels for line in channel.lines)
         white = LommelChannel(lines, self.truncated, self.argument)
-        return white.table(lens, depth, squares_per_mm, offset, largest)
+        return white.table(lens, depth, pixels_per_mm, offset, largest)
 
 
 def _significant(value: float) -> float:

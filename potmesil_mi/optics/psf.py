@@ -24,17 +24,17 @@ class PointSpreadFunction(Protocol):
         self,
         lens: ThinLens,
         depth: float,
-        squares_per_mm: float,
+        pixels_per_mm: float,
         offset: ArrayLike = (0.0, 0.0),
         largest: tuple[int, int] | None = None,
     ) -> np.ndarray:
-        """The kernel of a point at ``depth``: its light's integrals over the squares of a grid.
+        """The kernel of a point at ``depth``: its light's integrals over the pixels of a raster.
 
-        ``depth`` is in scene units (``inf`` is allowed), ``squares_per_mm`` the number of grid
-        squares in a millimetre of film, ``offset`` the position (x, y) of the point in its
-        square, from 0 (the left or upper edge) to 1; an array (..., 2) asks for many kernels.
+        ``depth`` is in scene units (``inf`` is allowed), ``pixels_per_mm`` the number of
+        pixels in a millimetre of film, ``offset`` the position (x, y) of the point in its
+        pixel, from 0 (the left or upper edge) to 1; an array (..., 2) asks for many kernels.
         Returns float64 of shape (..., 2K+1, 2L+1), rows and columns, whose middle element is the
-        point's own square; each kernel sums to 1. ``largest`` bounds (L, K): what lies farther
+        point's own pixel; each kernel sums to 1. ``largest`` bounds (L, K): what lies farther
         out is left out, for a grid of so many columns and rows cannot see it.
         """
         ...

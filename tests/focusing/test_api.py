@@ -238,11 +238,11 @@ def test_alpha_is_the_coverage_through_the_lens(method):
 class Shifted:
     """All the light ``squares`` squares to the right, at every size of them."""
 
-    def __init__(self, squares, squares_per_mm):
-        self.mm = squares / squares_per_mm
+    def __init__(self, squares, pixels_per_mm):
+        self.mm = squares / pixels_per_mm
 
-    def table(self, lens, depth, squares_per_mm, offset=(0.0, 0.0), largest=None):
-        reach = round(self.mm * squares_per_mm)
+    def table(self, lens, depth, pixels_per_mm, offset=(0.0, 0.0), largest=None):
+        reach = round(self.mm * pixels_per_mm)
         table = np.zeros((*np.shape(offset)[:-1], 2 * reach + 1, 2 * reach + 1))
         table[..., reach, 2 * reach] = 1
         return table

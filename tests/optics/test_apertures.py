@@ -33,8 +33,8 @@ OFFSETS = st.tuples(st.floats(0, 1), st.floats(0, 1))
 
 def table(aperture, radius, offset=(0.5, 0.5), depth=FAR, largest=None, lens=LENS):
     """The table of a circle with a radius of `radius` squares."""
-    squares_per_mm = 2 * radius / abs(lens.circle_of_confusion(depth))
-    return aperture.table(lens, depth, squares_per_mm, offset, largest)
+    pixels_per_mm = 2 * radius / abs(lens.circle_of_confusion(depth))
+    return aperture.table(lens, depth, pixels_per_mm, offset, largest)
 
 
 def moments(values):
@@ -155,16 +155,16 @@ def test_points_are_where_the_aperture_is_open(aperture):
 
 @pytest.mark.parametrize("f_number", [2.0, 22.0])
 def test_a_diffraction_table_is_the_integral_of_the_intensity(f_number):
-    lens, squares_per_mm, wavelength = LENS.replace(f_number=f_number), 500.0, 550.0
+    lens, pixels_per_mm, wavelength = LENS.replace(f_number=f_number), 500.0, 550.0
     channel = pm.Lommel((wavelength,)).channels[0]
     depth, fine = 1010.0, 12
-    values = channel.table(lens, depth, squares_per_mm, (0.5, 0.5), (15, 15))
+    values = channel.table(lens, depth, pixels_per_mm, (0.5, 0.5), (15, 15))
     reach = len(values) // 2
     place = (np.arange(len(values) * fine) + 0.5) / fine - reach - 0.5
     u, v = optical_coordinates(
-        lens, depth, np.hypot(place[None, :], place[:, None]) / squares_per_mm, wavelength
+        lens, depth, np.hypot(place[None, :], place[:, None]) / pixels_per_mm, wavelength
     )
-    _, per_square = optical_coordinates(lens, depth, 1 / squares_per_mm, wavelength)
+    _, per_square = optical_coordinates(lens, depth, 1 / pixels_per_mm, wavelength)
     light = lommel_intensity(u, v).reshape(len(values), fine, len(values), fine).mean((1, 3))
     # All the light in the plane is 4 pi in units of v, times I at the origin.
     light *= per_square**2 / (4 * math.pi)
@@ -212,10 +212,10 @@ def test_tables_are_kept():
 
 
 def test_the_energy_of_a_table_grows_as_the_closed_form_says():
-    lens, squares_per_mm = LENS.replace(f_number=11), 800.0
+    lens, pixels_per_mm = LENS.replace(f_number=11), 800.0
     channel = pm.Lommel((600,)).channels[0]
-    u, per_square = optical_coordinates(lens, 1100.0, 1 / squares_per_mm, 600.0)
-    values = channel.table(lens, 1100.0, squares_per_mm, (0.5, 0.5))
+    u, per_square = optical_coordinates(lens, 1100.0, 1 / pixels_per_mm, 600.0)
+    values = channel.table(lens, 1100.0, pixels_per_mm, (0.5, 0.5))
     distance = np.hypot(*(np.indices(values.shape) - len(values) // 2))
     for radius in (30.0, 60.0, 100.0, 200.0):
         within = values[distance < radius].sum() * (1 - diffraction_kernel.TAIL)

@@ -21,8 +21,8 @@ LENS = ThinLens(50, 2, 1000)
 
 def disc_table(radius, offset=(0.0, 0.0), largest=None, depth=600.0):
     """The table of a circle with a radius of `radius` squares."""
-    squares_per_mm = 2 * radius / abs(LENS.circle_of_confusion(depth))
-    return Disc().table(LENS, depth, squares_per_mm, offset, largest)
+    pixels_per_mm = 2 * radius / abs(LENS.circle_of_confusion(depth))
+    return Disc().table(LENS, depth, pixels_per_mm, offset, largest)
 
 
 # ---------------------------------------------------------------- areas of the disc
@@ -177,9 +177,9 @@ def test_the_centroid_of_a_table_is_the_point(radius, offset, tolerance):
 
 def test_the_circle_has_the_diameter_of_equation_8():
     """The variance of a disc along an axis is C^2/16; the squares add 1/12."""
-    lens, squares_per_mm = ThinLens(50, 2, 1000), 40.0
-    circle = 50 / 2 * (50 * 1000 / 950) * (1 / 300 - 1 / 1000) * squares_per_mm
-    table = Disc().table(lens, 300, squares_per_mm, (0.5, 0.5))
+    lens, pixels_per_mm = ThinLens(50, 2, 1000), 40.0
+    circle = 50 / 2 * (50 * 1000 / 950) * (1 / 300 - 1 / 1000) * pixels_per_mm
+    table = Disc().table(lens, 300, pixels_per_mm, (0.5, 0.5))
     x = np.arange(len(table)) - len(table) // 2
     assert table.sum(0) @ x**2 == pytest.approx(circle**2 / 16 + 1 / 12, rel=1e-4)
 
