@@ -3,6 +3,7 @@
     python benchmarks/speed.py                     # the paper's scene, 1024x1024
     python benchmarks/speed.py --scene thicket
     python benchmarks/speed.py --memory            # 1920x1080, peak of the whole process
+    python benchmarks/speed.py --thread            # beside another Python thread, as in a notebook
     python benchmarks/speed.py --hidden --res 512  # what hidden layers cost
 
 The scene is sampled once for each aperture, which is chosen so that the largest circle at the
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import statistics
+import threading
 
 import common
 import mitsuba as mi
@@ -35,6 +37,7 @@ def main() -> None:
     options.add_argument("--method", default="layered")
     options.add_argument("--repeats", type=int, default=7)
     options.add_argument("--memory", action="store_true", help="1920x1080 and one diameter, 100")
+    options.add_argument("--thread", action="store_true", help="beside an idle Python thread")
     options.add_argument("--hidden", action="store_true", help="sampling with and without layers")
     arguments = options.parse_args()
     common.start(arguments)
@@ -43,6 +46,8 @@ def main() -> None:
         return
     if arguments.memory:
         arguments.diameters = [100]
+    if arguments.thread:
+        threading.Thread(target=threading.Event().wait, daemon=True).start()
 
     rows = common.table(
         f"{arguments.scene}, {arguments.spp} samples a pixel, {arguments.method}, focused at "

@@ -45,7 +45,8 @@ class FocusSession:
     What depends on the samples and the aperture alone is found out at the first focus and kept
     for the next. A call that is refused changes nothing. Several threads may use one session, and
     sessions of one or of several samples, at once: pictures are formed one after the other, each
-    by all processors. Raises ``ValueError`` or ``TypeError`` that names the parameter.
+    by all processors. Sums are scattered more slowly while there are other threads. Raises
+    ``ValueError`` or ``TypeError`` that names the parameter.
     """
 
     def __init__(
