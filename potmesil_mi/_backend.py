@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
+import threading
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,7 @@ __all__ = [
     "TensorXf",
     "UInt8",
     "UInt32",
+    "evaluates_alone",
     "name",
     "require_vectorised_variant",
 ]
@@ -47,6 +49,31 @@ def __getattr__(attribute: str) -> Any:
     if attribute not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {attribute!r}")
     return getattr(_arrays(variant()), attribute)
+
+
+IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm")
+"""Libraries whose threads evaluate no arrays; a notebook has several of them."""
+
+USERS_THREADS = "ipykernel.subshell"
+"""The module among them whose threads do: they run what the user types."""
+
+
+def evaluates_alone() -> bool:
+    """Whether no other Python thread may be evaluating arrays now."""
+    own = threading.current_thread()
+    others = [thread for thread in threading.enumerate() if thread is not own]
+    # Threads that the module `threading` has not started are counted by their frames alone.
+    unknown = len(sys._current_frames()) - len(others) - 1
+    return unknown <= 0 and all(map(_is_idle, others))
+
+
+def _is_idle(thread: threading.Thread) -> bool:
+    """Whether a thread is of a library whose threads evaluate nothing."""
+    runs = getattr(thread, "_target", None)
+    modules = type(thread).__module__, getattr(runs, "__module__", None) or ""
+    return USERS_THREADS not in modules and any(
+        module.split(".")[0] in IDLE_LIBRARIES for module in modules
+    )
 
 
 def variant() -> str | None:

@@ -47,7 +47,8 @@ def focus(
                                   ``lightfield``: the same with more lens points, on a finer
                                   raster; the one to trust. ``paper``: equation 20, which
                                   knows no occlusion. Or a method with its options, such as
-                                  ``Layered(lens_points=64)``
+                                  ``Layered(lens_points=64)``. Options below that it does
+                                  not have are checked and ignored
     ``psf``                       how the light of a point is spread; by default the lens's
                                   ``aperture``. One that is no :class:`potmesil_mi.Aperture`
                                   ``layered`` and ``lightfield`` use for what the whole lens

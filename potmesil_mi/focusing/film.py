@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from .. import _backend as jit
 
 
+@runtime_checkable
 class ReconstructionFilter(Protocol):
     """What the film asks of a filter; Mitsuba's ``mi.ReconstructionFilter`` has it."""
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-import threading
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -210,8 +209,8 @@ def gather(
     farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
     for part in parts:
         at = located(part)
-        dr.scatter_reduce(dr.ReduceOp.Max, nearest, at.bin, at.subpixel, at.visible)
-        dr.scatter_reduce(dr.ReduceOp.Min, farthest, at.bin, at.subpixel, at.visible)
+        for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
+            dr.scatter_reduce(op, ends, at.bin, at.subpixel, at.visible, mode=scatter_mode())
         dr.eval(nearest, farthest)
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
@@ -292,8 +291,7 @@ def scatter_mode() -> dr.ReduceMode:
     """
     if dr.backend_v(jit.Float) != dr.JitBackend.LLVM:
         return dr.ReduceMode.Auto
-    alone = threading.active_count() == 1
-    return dr.ReduceMode.Expand if alone else dr.ReduceMode.Direct
+    return dr.ReduceMode.Expand if jit.evaluates_alone() else dr.ReduceMode.Direct
 
 
 def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:

@@ -286,7 +286,8 @@ class ViewPyramid:
     def nbytes(self) -> int:
         """Memory in bytes: the columns of all levels, each on the host and on the device."""
         finest = self._levels[1]
-        kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in self._levels.values()]
+        views = list(self._levels.values())
+        kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
         return 2 * (finest.highlights.nbytes + sum(map(sum, kinds)))
 
 

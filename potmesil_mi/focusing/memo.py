@@ -24,8 +24,8 @@ T = TypeVar("T", bound=Sized)
 class Memo:
     """Values by their keys; those that were not used for longest go first.
 
-    ``max_bytes`` bounds them, except that the value used last is always kept. Not for several
-    threads at once: who uses it holds a lock.
+    ``max_bytes`` bounds them, except that the value used last is always kept. ``get`` and ``trim``
+    are for one thread at a time; others may ask for ``nbytes`` or ``clear`` meanwhile.
     """
 
     def __init__(self, max_bytes: int = MAX_BYTES) -> None:
@@ -37,8 +37,9 @@ class Memo:
 
         Where ``make`` raises, nothing is changed.
         """
-        value = self._values[key] if key in self._values else make()
-        self._values.pop(key, None)
+        value = self._values.pop(key, None)
+        if value is None:
+            value = make()
         self._values[key] = value
         self.trim()
         return value
@@ -46,12 +47,12 @@ class Memo:
     def trim(self) -> None:
         """Give up values, which may have grown, down to the bound."""
         while len(self._values) > 1 and self.nbytes > self.max_bytes:
-            del self._values[next(iter(self._values))]
+            self._values.pop(next(iter(self._values)), None)
 
     @property
     def nbytes(self) -> int:
         """Memory of the values in bytes."""
-        return sum(value.nbytes for value in self._values.values())
+        return sum(value.nbytes for value in list(self._values.values()))
 
     def clear(self) -> None:
         """Give up everything."""

@@ -27,6 +27,9 @@ _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionar
 _forming = threading.RLock()
 """Held while a picture is formed: what is kept is for one thread at a time."""
 
+_making_memos = threading.Lock()
+"""Held while the memo of samples is looked up."""
+
 
 class FocusSession:
     """Pictures through any lens of the same samples, by one method.
@@ -61,9 +64,19 @@ class FocusSession:
             raise TypeError(f"max_bytes={max_bytes!r}: must be a whole number of bytes >= 0")
         if max_bytes < 0:
             raise ValueError(f"max_bytes={max_bytes}: must be >= 0")
-        self.samples = samples
-        self.method = Method.parse(method)
+        self._samples = samples
+        self._method = Method.parse(method)
         self._memo = Memo(int(max_bytes))
+
+    @property
+    def samples(self) -> PointSamples:
+        """The samples of which pictures are formed."""
+        return self._samples
+
+    @property
+    def method(self) -> Method:
+        """The method by which they are formed."""
+        return self._method
 
     def focus(
         self,
@@ -82,13 +95,11 @@ class FocusSession:
     @property
     def nbytes(self) -> int:
         """Memory in bytes of what is kept, without the samples."""
-        with _forming:
-            return self._memo.nbytes
+        return self._memo.nbytes
 
     def clear(self) -> None:
         """Give up what is kept; the next focus finds it out again."""
-        with _forming:
-            self._memo.clear()
+        self._memo.clear()
 
     def __repr__(self) -> str:
         return f"FocusSession({self.samples!r}, {str(self.method)!r})"
@@ -97,7 +108,7 @@ class FocusSession:
 def memo_of(samples: PointSamples) -> Memo:
     """What is kept for ``samples`` as long as they are. Raises ``TypeError`` for anything else."""
     _require_samples(samples)
-    with _forming:
+    with _making_memos:
         return _memos.setdefault(samples, Memo())
 
 
@@ -120,6 +131,10 @@ def form_picture(
     psf = lens.aperture if psf is None else psf
     if not isinstance(psf, PointSpreadFunction):
         raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
+    if rfilter is not None and not isinstance(rfilter, ReconstructionFilter):
+        raise TypeError(
+            f"rfilter={rfilter!r}: must be a reconstruction filter, such as film.rfilter()"
+        )
     if not isinstance(alpha, (bool, np.bool_)):
         raise TypeError(f"alpha={alpha!r}: must be True or False")
     filters = as_filters(filters)
@@ -128,6 +143,8 @@ def form_picture(
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
+    for channel in channels:
+        _require_hashable(channel)
     with _forming:
         exposures = [Exposure(samples, lens, each, subpixels, bool(alpha)) for each in channels]
         pictures = [
@@ -142,6 +159,7 @@ def form_picture(
             pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
             frame = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
             picture = apply_filters(picture, filters, frame, pixels_per_mm)
+        memo.trim()  # What is kept has grown.
         return jit.TensorXf(picture.astype(np.float32))
 
 
@@ -150,6 +168,17 @@ def _require_samples(samples: Any) -> None:
         raise TypeError(
             f"samples={type(samples).__name__}: must be PointSamples, as render_samples gives"
         )
+
+
+def _require_hashable(psf: PointSpreadFunction) -> None:
+    """Raise ``TypeError`` for an aperture by which nothing can be kept."""
+    try:
+        hash(psf)
+    except TypeError as error:
+        raise TypeError(
+            f"psf={type(psf).__name__}: must be hashable, as a frozen dataclass of hashable fields "
+            f"is ({error})"
+        ) from None
 
 
 def _plain(lens: Any) -> ThinLens:

@@ -19,7 +19,7 @@ import numpy as np
 from ..optics.blur import Blur
 from ..optics.convolution import fast_size
 from ..optics.lens import ThinLens
-from ..optics.psf import PointSpreadFunction
+from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.raster import Window
 from .bands import Band, Raster, bands
 from .fragments import BIN_RADIUS, Fragments
@@ -285,7 +285,7 @@ class _SlicePlanner:
         single_points = single_points[(single_points >= part.start) & (single_points < part.stop)]
         wide = len(single_points) > 0 and max(kernel.max() for kernel in kernels) < NARROW
         # The edge of a truncated pattern is sharp.
-        wide = wide and not getattr(self.factory.psf, "truncated", False)
+        wide = wide and not aperture_behind(self.factory.psf).ends_sharply
         before = np.clip(np.searchsorted(radii, self.radii, side="right") - 1, 0, None)
         if len(radii) > 1:
             before = np.minimum(before, len(radii) - 2)

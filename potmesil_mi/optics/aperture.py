@@ -59,6 +59,11 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
     """Whether it looks the same however it is turned."""
 
     @property
+    def ends_sharply(self) -> bool:
+        """Whether a diffraction pattern ends at the circle of confusion."""
+        return False
+
+    @property
     def channels(self) -> tuple[Aperture, ...]:
         """Those of red, green and blue, or one for all of them."""
         return (self,)

@@ -49,6 +49,11 @@ class LommelChannel(_Diffracting):
     truncated: bool
     argument: Argument
 
+    @property
+    def ends_sharply(self) -> bool:
+        """See :attr:`Aperture.ends_sharply`."""
+        return self.truncated
+
     def table(
         self,
         lens: LensProtocol,
@@ -119,6 +124,11 @@ class Lommel(_Diffracting):
             raise TypeError(f"truncated={self.truncated!r}: must be True or False")
         if self.argument not in ARGUMENTS:
             raise ValueError(f"argument={self.argument!r}: must be one of {', '.join(ARGUMENTS)}")
+
+    @property
+    def ends_sharply(self) -> bool:
+        """See :attr:`Aperture.ends_sharply`."""
+        return self.truncated
 
     @property
     def channels(self) -> tuple[LommelChannel, ...]:

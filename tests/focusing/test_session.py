@@ -1,5 +1,6 @@
 """Sessions: what is kept, what a refused call leaves behind, several threads at once."""
 
+import dataclasses
 import gc
 import threading
 import weakref
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi import _backend
+from potmesil_mi.focusing.fragments import gather
 from potmesil_mi.focusing.memo import Memo
 from scenes import overscanned, synthetic
 
@@ -105,6 +108,7 @@ def test_what_was_not_used_for_longest_goes_first():
         {"alpha": np.array([1.0, 0.0])},
         {"filters": ["start"]},
         {"psf": 3},
+        {"rfilter": "gaussian"},
         {"lens": "wide"},
     ],
 )
@@ -130,6 +134,30 @@ def test_a_dr_jit_array_for_alpha_is_refused_and_later_pictures_are_right():
         pm.focus(samples, alpha=mi.Float(1))
     for n in APERTURES:
         assert np.isfinite(np.array(pm.focus(samples, lens_of(samples, n)))).all()
+
+
+@dataclasses.dataclass
+class NotFrozen(pm.Aperture):
+    """An aperture by which nothing can be kept."""
+
+    size: float = 1.0
+
+    def corner_area(self, x, y):
+        return pm.Disc().corner_area(x / self.size, y / self.size)
+
+
+def test_an_aperture_that_cannot_be_a_key_is_refused_with_the_remedy():
+    samples = overscanned()
+    with pytest.raises(TypeError, match="psf=NotFrozen: must be hashable, as a frozen dataclass"):
+        pm.focus(samples, lens_of(samples).replace(aperture=NotFrozen()))
+
+
+def test_a_session_keeps_the_samples_and_the_method_that_it_was_made_with():
+    session = pm.FocusSession(overscanned())
+    with pytest.raises(AttributeError):
+        session.samples = overscanned()
+    with pytest.raises(AttributeError):
+        session.method = "paper"
 
 
 class Broken(pm.Disc):
@@ -265,3 +293,51 @@ def test_threads_that_evaluate_other_arrays_at_once_spoil_no_picture(method):
             thread.join()
     for image, right in zip(found, 3 * expected, strict=True):
         np.testing.assert_allclose(image, right, atol=1e-5)
+
+
+def test_ends_of_depths_are_found_right_beside_busy_threads():
+    samples = overscanned(60_000)
+    expected = gather(samples, 1, 20.0)
+    numbers = np.linspace(0, 1, 200_000, dtype=np.float32)
+    done = threading.Event()
+
+    def evaluate():
+        while not done.is_set():
+            np.array(mi.Float(numbers) * 2 + 1)
+
+    threads = [threading.Thread(target=evaluate) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    try:
+        found = [gather(samples, 1, 20.0) for _ in range(20)]
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+    for fragments in found:
+        np.testing.assert_array_equal(fragments.bin, expected.bin)
+        np.testing.assert_allclose(fragments.gap_in_front, expected.gap_in_front, atol=1e-6)
+        np.testing.assert_allclose(fragments.values, expected.values, rtol=1e-4, atol=1e-5)
+
+
+def thread_of(module, target=None):
+    return type("Thread", (threading.Thread,), {"__module__": module})(target=target)
+
+
+def test_idle_threads_of_notebooks_are_told_from_those_of_users():
+    assert _backend._is_idle(thread_of("ipykernel.heartbeat"))
+    assert _backend._is_idle(thread_of("IPython.core.history"))
+    assert not _backend._is_idle(thread_of("ipykernel.subshell"))
+    assert not _backend._is_idle(thread_of("tests"))
+    assert not _backend._is_idle(threading.Thread(target=pictures))
+
+
+def test_beside_another_thread_arrays_are_not_evaluated_alone():
+    waiting = threading.Event()
+    other = threading.Thread(target=waiting.wait)
+    other.start()
+    try:
+        assert not _backend.evaluates_alone()
+    finally:
+        waiting.set()
+        other.join()
