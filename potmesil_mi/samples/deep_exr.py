@@ -51,6 +51,9 @@ F_NUMBERS = (1e-4, 1e12)
 MAGNITUDES = (1e-30, 1e30)
 """The same of other numbers of a camera and a lens, if they are neither 0 nor infinite."""
 
+_SMALL_AS_0 = ("to_world", "principal_point_offset")
+"""Numbers that may be as small as they like: they are added to larger ones."""
+
 LONGEST_JSON = 1 << 26
 """Most characters of a camera or a lens. An aperture of 4096 x 4096 elements may be as long."""
 
@@ -73,7 +76,8 @@ class Header:
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
     ``window``, and for numbers of which single precision forms no picture: an f-number that is
-    neither in ``F_NUMBERS`` nor infinite, others beyond ``MAGNITUDES``.
+    neither in ``F_NUMBERS`` nor infinite, others beyond ``MAGNITUDES``, of which only the
+    upper bound holds for ``to_world`` and ``principal_point_offset``.
     """
 
     camera: Camera
@@ -96,7 +100,7 @@ class Header:
             raise ValueError(f"f_number={lens.f_number}: must be {least:g} to {most:g}, or inf")
         for name, value in [*lens.parameters().items(), *self.camera.to_dict().items()]:
             if name not in ("f_number", "aperture_radius"):
-                _require_magnitude(name, value)
+                _require_magnitude(name, value, 0.0 if name in _SMALL_AS_0 else MAGNITUDES[0])
 
 
 def write(path: str | os.PathLike[str], header: Header, columns: Columns) -> None:
@@ -146,6 +150,7 @@ def _read(path: Path) -> tuple[Header, Columns]:
     """See ``read``; errors do not name the file."""
     if not OpenEXR.isOpenExrFile(str(path)):
         raise ValueError("is not an EXR file")
+    require_bounded(path)  # OpenEXR unpacks attributes also where it reads the header alone.
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
         attributes, parts = dict(file.header()), len(file.parts)
     missing = {"potmesil:samples", "potmesil:camera", "potmesil:lens"} - set(attributes)
@@ -153,8 +158,8 @@ def _read(path: Path) -> tuple[Header, Columns]:
         raise ValueError(
             "does not hold point samples; it must be a deep EXR that PointSamples.save wrote"
         )
-    require_bounded(path)
     header, version = _parsed(attributes)
+    del attributes
     with OpenEXR.File(str(path), separate_channels=True) as file:
         if len(file.parts) < parts:  # parts that cannot be read are left out
             raise ValueError("is truncated or damaged")
@@ -261,16 +266,17 @@ def _lens(values: dict[str, Any]) -> ThinLens:
     return ThinLens.from_dict(values)
 
 
-def _require_magnitude(name: str, value: Any) -> None:
+def _require_magnitude(name: str, value: Any, least: float) -> None:
     """Raise ``ValueError`` for a number, or one in a tuple, that single precision cannot use."""
     if isinstance(value, tuple):
         for i, item in enumerate(value):
-            _require_magnitude(f"{name}[{i}]", item)
+            _require_magnitude(f"{name}[{i}]", item, least)
         return
-    least, most = MAGNITUDES
+    most = MAGNITUDES[1]
     usable = not isinstance(value, (int, float)) or value == 0 or abs(value) == math.inf
     if not usable and not least <= abs(value) <= most:
-        raise ValueError(f"{name}={value}: must be 0, or {least:g} to {most:g} in size")
+        allowed = f"0, or {least:g} to {most:g}" if least else f"at most {most:g}"
+        raise ValueError(f"{name}={value}: must be {allowed} in size")
 
 
 def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,8 +1,10 @@
 """Deep EXR files: what survives them, what other readers find, what is refused."""
 
 import base64
+import dataclasses
 import json
 import os
+import struct
 import subprocess
 import sys
 import tracemalloc
@@ -495,8 +497,168 @@ def test_the_size_of_all_samples_is_known_before_they_are_read(tmp_path):
     visible, hidden = exr_layout.parts_of(tmp_path / "samples.exr")
     count = (samples.layer == 0).sum()
     rows = samples.window.height
-    assert visible == exr_layout.Part(samples.window.size, rows, 4 * 10 * count)
-    assert hidden == exr_layout.Part(samples.window.size, rows, 4 * 11 * (3000 - count))
+    names = visible.names
+    assert visible == exr_layout.Part(samples.window.size, rows, 4 * 10 * count, 10, names)
+    assert hidden == exr_layout.Part(samples.window.size, rows, 4 * 11 * (3000 - count), 11, names)
+    assert 4 * sum(map(len, samples.surfaces.values())) < names < 10_000
+
+
+def test_a_part_of_very_many_channels_is_refused(saved):
+    """OpenEXR reads all of them, whether they are asked for or not."""
+    with OpenEXR.File(str(saved), separate_channels=True) as file:
+        header = {n: v for n, v in file.header().items() if n not in ("channels", "name")}
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    for count in (exr_layout.MOST_CHANNELS - len(channels), 300):
+        more = {f"more{i}": channels["Z"] for i in range(count)}
+        with OpenEXR.File(header, channels | more) as file:
+            file.write(str(saved))
+        if count < 300:
+            assert len(pm.PointSamples.load(saved)) == 300
+            (part,) = exr_layout.parts_of(saved)
+            assert part.channels == exr_layout.MOST_CHANNELS
+            fewer = dataclasses.replace(part, channels=exr_layout.USUAL_CHANNELS)
+            assert part.memory > fewer.memory
+    refused(saved, "it has more than 32 channels in a part")
+
+
+@pytest.mark.parametrize(
+    "surfaces",
+    [
+        {1: "surface"},
+        {},
+        {i: f"surface {i % 40} " + "x" * (i % 40) * 20 for i in range(1, 200)},
+        {i: "x" * (i % 7) * 100 + str(i % 5) for i in range(1, 20_000, 3)},
+        {2**32 - 1: "Fläche", 7: "", 8: "Fläche"},
+    ],
+)
+def test_names_of_surfaces_survive_a_file(tmp_path, surfaces):
+    synthetic(50).replace(surfaces=surfaces).save(tmp_path / "samples.exr")
+    assert pm.PointSamples.load(tmp_path / "samples.exr").surfaces == surfaces
+    (part,) = exr_layout.parts_of(tmp_path / "samples.exr")
+    assert part.names > 4 * sum(map(len, surfaces.values()))
+
+
+def with_manifest(path, unpacked, stated=None):
+    """Another manifest of ids in the header, which OpenEXR would not write."""
+    whole = path.read_bytes()
+    start = whole.index(b"idManifest\0idmanifest\0") + len(b"idManifest\0idmanifest\0")
+    (length,) = struct.unpack_from("<i", whole, start)
+    value = struct.pack("<Q", stated or len(unpacked)) + zlib.compress(unpacked)
+    header = whole[:start] + struct.pack("<i", len(value)) + value
+    rest = bytearray(whole[start + 4 + length :])
+    # Where the chunks start is told after the header; the first of them right after that.
+    _, height = synthetic(1).camera.film_size
+    at = rest.index(struct.pack("<Q", first_chunk(path)))
+    for i in range(at, at + 8 * height, 8):
+        (offset,) = struct.unpack_from("<Q", rest, i)
+        struct.pack_into("<Q", rest, i, offset + len(value) - length)
+    path.write_bytes(header + rest)
+
+
+def first_chunk(path):
+    with path.open("rb") as file:
+        file.seek(8)
+        exr_layout._header(file, path.stat().st_size)
+        return struct.unpack("<Q", file.read(8))[0]
+
+
+def manifest(texts, ranges, ids):
+    """A manifest as OpenEXR unpacks it, its texts as they stand in it."""
+    sizes = b"".join(
+        bytes([len(t) & 127 | 128, len(t) >> 7 & 127 | 128, len(t) >> 14]) for t in texts
+    )
+    return b"".join(
+        [
+            struct.pack("<II", 0, len(texts)) + sizes + b"".join(texts),
+            struct.pack("<I", len(ranges)) + b"".join(struct.pack("<II", *r) for r in ranges),
+            struct.pack("<I", 1) + b"\1\0\0\0\2id" + b"\1\0\0\0\4name" + b"\2",
+            b"\4\0\0\0none" + b"\2\0\0\0id" + b"\2" + struct.pack("<I", len(ids)),
+            b"".join(bytes(pair) for pair in ids),
+        ]
+    )
+
+
+LONG = b"n" * 60_000
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        # One name, of very many ids; names that go on from the one before; empty names.
+        (manifest([LONG], [(0, 0)], [(1, 0)] * 5000), "names of surfaces would take"),
+        (
+            manifest([LONG, *[b"\xea\x60a"] * 5000], [(0, 5000)], [(1, 0)]),
+            "names of surfaces would take",
+        ),
+        (manifest([b"\0"] * 600_000, [(0, 599_999)], [(1, 0)]), "names of surfaces would take"),
+        (struct.pack("<II", 0, 2**31 - 1) + bytes(100), "truncated or damaged"),
+        (manifest([b"a", b"\2b"], [(0, 1)], [(1, 0)]), "truncated or damaged"),
+        (manifest([b"a", b"\1b"], [(0, 0)], [(1, 0)]), "truncated or damaged"),
+        (manifest([b"a", b"\1b"], [(0, 2)], [(1, 0)]), "truncated or damaged"),
+        (manifest([b"a"], [(0, 0)], [(1, 1)]), "truncated or damaged"),
+        (manifest([b"a"], [(0, 0)], [(1, 0)])[:-1], "truncated or damaged"),
+        (b"\1" + manifest([b"a"], [(0, 0)], [(1, 0)])[1:], "not of version 0"),
+        (
+            manifest([b"a"], [(0, 0)], [(1, 0)]).replace(b"\1\0\0\0\4name", b"\2\0\0\0\2\2name"),
+            "ids of surfaces stand for more than a name",
+        ),
+        (bytes(100), "not of one group of ids"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_names_of_surfaces_are_unpacked_no_further_than_the_file_justifies(saved, data, text):
+    with_manifest(saved, data)
+    tracemalloc.start()
+    refused(saved, text)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 26
+
+
+@pytest.mark.parametrize("stated", [1, 1000, 1 << 40, (1 << 64) - 1])
+def test_a_manifest_is_as_long_as_it_says(saved, stated):
+    with_manifest(saved, manifest([b"a"], [(0, 0)], [(1, 0)]))
+    assert pm.PointSamples.load(saved).surfaces == {1: "a"}
+    with_manifest(saved, manifest([b"a"], [(0, 0)], [(1, 0)]), stated)
+    refused(saved, "truncated or damaged")
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_every_part_must_be_deep(tmp_path, first):
+    path = tmp_path / "samples.exr"
+    synthetic(50).save(path)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = {n: v for n, v in file.header().items() if n not in ("channels", "name")}
+        deep = OpenEXR.Part(header, {n: c.pixels for n, c in file.channels().items()}, name="deep")
+        flat = {"type": OpenEXR.scanlineimage, "dataWindow": header["dataWindow"]}
+        flat |= {"displayWindow": header["displayWindow"]}
+        pixels = {"Y": np.zeros(deep.channels["Z"].pixels.shape, dtype=np.float32)}
+        parts = [deep, OpenEXR.Part(flat, pixels, name="flat")]
+        with OpenEXR.File(parts[::-1] if first else parts) as other:
+            other.write(str(tmp_path / "both.exr"))
+    refused(tmp_path / "both.exr", f"part {int(not first)} must be of type deepscanline")
+
+
+@pytest.mark.parametrize("field", ["to_world", "principal_point_offset"])
+def test_numbers_beside_larger_ones_may_be_as_small_as_they_like(tmp_path, field):
+    turn = np.array([[1, 0, 0, 0], [0, 6e-17, -1, 0], [0, 1, 6e-17, 0], [0, 0, 0, 1]])
+    other = np.array([[6e-17, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 6e-17, 0], [0, 0, 0, 1]])
+    value = tuple(map(tuple, (turn @ other).tolist())) if field == "to_world" else (1e-40, 0.1)
+    samples = synthetic(50)
+    samples = samples.replace(camera=dataclasses.replace(samples.camera, **{field: value}))
+    samples.save(tmp_path / "samples.exr")
+    assert pm.PointSamples.load(tmp_path / "samples.exr").camera == samples.camera
+
+
+def test_a_camera_with_numbers_of_numpy_is_saved(tmp_path):
+    samples = synthetic(50)
+    camera = dataclasses.replace(
+        samples.camera,
+        crop_size=tuple(np.array(samples.camera.crop_size)),
+        x_fov=np.float32(samples.camera.x_fov),
+    )
+    samples.replace(camera=camera).save(tmp_path / "samples.exr")
+    assert pm.PointSamples.load(tmp_path / "samples.exr").camera == camera
 
 
 def test_chunks_that_say_they_are_huge_are_not_believed(saved):

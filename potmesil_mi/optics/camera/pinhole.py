@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -66,7 +67,8 @@ class Camera:
     The methods that give matrices and points take ``axes``: ``mitsuba``, as above, or ``opengl``
     (x to the right, -z along the view), see :mod:`potmesil_mi.optics.camera.basis`.
 
-    Raises ``TypeError`` or ``ValueError`` that names the field, its value and what is allowed.
+    Numbers of NumPy become those of Python. Raises ``TypeError`` or ``ValueError`` that names the
+    field, its value and what is allowed.
     """
 
     film_size: tuple[int, int]
@@ -97,7 +99,7 @@ class Camera:
             for j, number in enumerate(_several(f"to_world[{i}]", row, 4)):
                 require_number(f"to_world[{i}][{j}]", number)
         require_number("near_clip", self.near_clip)
-        if not (isinstance(self.far_clip, float) and self.far_clip == math.inf):
+        if not (isinstance(self.far_clip, (float, np.floating)) and self.far_clip == math.inf):
             require_number("far_clip", self.far_clip)
         if not 0 < self.near_clip < self.far_clip:
             raise ValueError(
@@ -109,6 +111,8 @@ class Camera:
             require_number(f"principal_point_offset[{i}]", number)
         require_number("shutter_open", self.shutter_open)
         require_number("shutter_close", self.shutter_close, float(self.shutter_open))
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _plain(getattr(self, field.name)))
 
     @property
     def focal_length_pixels(self) -> float:
@@ -281,6 +285,13 @@ def horizontal_fov(fov: float, axis: FovAxis, aspect: float) -> float:
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+def _plain(value: Any) -> Any:
+    """A number, or the numbers in a tuple, as Python's own, which JSON has."""
+    if isinstance(value, tuple):
+        return tuple(_plain(item) for item in value)
+    return int(value) if isinstance(value, Integral) else float(value)
 
 
 def _several(name: str, values: Any, count: int) -> tuple[Any, ...]:

@@ -67,6 +67,23 @@ def test_camera_survives_json_unchanged():
     assert hash(restored) == hash(camera())  # lists have become tuples, all the way down
 
 
+def test_numbers_of_numpy_become_those_of_python():
+    plain = camera()
+    values = plain.to_dict()
+    for name, kind in (("film_size", np.int64), ("crop_offset", np.uint8), ("crop_size", np.int32)):
+        values[name] = tuple(map(kind, values[name]))
+    values["to_world"] = tuple(tuple(map(np.float32, row)) for row in values["to_world"])
+    values["principal_point_offset"] = tuple(map(np.float64, values["principal_point_offset"]))
+    values |= {"far_clip": np.float32(77), "shutter_close": np.float16(1.5)}
+    numpys = Camera(**values)
+    assert numpys == plain
+    assert hash(numpys) == hash(plain)
+    assert json.dumps(numpys.to_dict()) == json.dumps(plain.to_dict())
+    assert type(numpys.principal_point_offset[0]) is float
+    assert dataclasses.replace(plain, x_fov=np.float32(40)) == dataclasses.replace(plain, x_fov=40)
+    assert dataclasses.replace(plain, far_clip=np.float32(np.inf)).far_clip == math.inf
+
+
 def test_camera_refuses_unknown_fields():
     with pytest.raises(TypeError, match="aperture"):
         Camera.from_dict({**camera().to_dict(), "aperture": 1})
