@@ -58,8 +58,7 @@ class Spec:
                 f"{cls._family} {cls.__qualname__}"
             )
         known = cls._registered.get(name)
-        # The same class again is one that was defined anew, as in a notebook.
-        if known is not None and _place(known) != _place(cls):
+        if known is not None and not _is_anew(cls, known):
             raise ValueError(f"name={name!r}: is that of the {cls._family} {_place(known)} already")
         cls._registered[name] = cls
 
@@ -77,7 +76,7 @@ class Spec:
     def member(cls: type[S], name: str, *, from_file: bool = False) -> type[S]:
         """The class with this name. Raises ``ValueError`` that says which there are."""
         kind = cls._registered.get(name) or cls.members().get(name)
-        if kind is not None:
+        if kind is not None and issubclass(kind, cls):
             return kind
         known = ", ".join(cls.members())
         before = "before the file is loaded" if from_file else "first"
@@ -210,6 +209,11 @@ def _require_told(text: str, values: Mapping[str, Any]) -> None:
                 f"{key}={value!r}: cannot be told in a text; must be a number, true or false, "
                 "several numbers, or a text without commas"
             )
+
+
+def _is_anew(kind: type[Any], known: type[Any]) -> bool:
+    """Whether a class is a known one, defined anew; in a notebook it may have another name."""
+    return _place(kind) == _place(known) or kind.__module__ == known.__module__ == "__main__"
 
 
 def _place(kind: type[Any]) -> str:

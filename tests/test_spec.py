@@ -119,6 +119,28 @@ def test_a_class_can_be_defined_anew_but_no_name_be_taken():
         type("Mine", (Disc,), {"name": "disc"})
 
 
+def test_in_a_notebook_a_class_can_be_renamed_and_keep_its_name():
+    def define(place, module):
+        return type(place, (Family,), {"name": "again", "__module__": module})
+
+    define("First", "__main__")
+    newer = define("Second", "__main__")
+    try:
+        assert Family.members()["again"] is newer
+        with pytest.raises(ValueError, match=r"^name='again': is that of the family __main__.Se"):
+            define("Third", "elsewhere")
+    finally:
+        del Family._registered["again"]
+    with pytest.raises(ValueError, match=r"^name='disc': is that of the aperture"):
+        type("Mine", (Disc,), {"name": "disc", "__module__": "__main__"})
+
+
+def test_a_class_makes_only_what_is_of_that_class():
+    assert Polygon.parse("polygon:blades=5") == Polygon(5)
+    with pytest.raises(ValueError, match=r"^aperture='disc': must be one of polygon;"):
+        Polygon.parse("disc")
+
+
 @pytest.mark.parametrize("name", ["", "two words", "a:b", 3])
 def test_a_name_that_no_text_can_begin_with_is_refused(name):
     with pytest.raises(ValueError, match=r"^name=.*must be a word"):

@@ -43,7 +43,8 @@ LENS_OPTIONS = {
 """Help of the options that are parameters of ``ThinLens``."""
 
 METHOD_OPTIONS = {
-    "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation 20",
+    "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation "
+    "20; or one with parameters, such as layered:lens_points=64,squares=2",
     "lens_points": "points of the lens from which visibility is found (layered 32, lightfield 128)",
     "tables": "paper: number of depth tables (default 73)",
     "inverse_square": "paper: weight samples by 1/z^2 (default: yes)",
@@ -119,10 +120,10 @@ def add_lens(command: argparse.ArgumentParser) -> None:
 
 def add_method(command: argparse.ArgumentParser) -> None:
     """Add an option for each parameter of the methods of ``focus``."""
-    from ..focusing.methods import MethodName, method_of
+    from ..focusing.methods import method_of
 
-    types = {**get_type_hints(method_of), "method": MethodName}
-    _add_parameters(command.add_argument_group("focus stage"), types, METHOD_OPTIONS)
+    group = command.add_argument_group("focus stage")
+    _add_parameters(group, get_type_hints(method_of), METHOD_OPTIONS)
 
 
 def add_filter(command: argparse.ArgumentParser) -> None:
@@ -213,13 +214,16 @@ def given_method(options: argparse.Namespace, said: Method | None = None) -> Met
 
     Raises ``ValueError`` or ``TypeError`` that names the parameter.
     """
+    from .._spec import read
     from ..focusing.methods import method_of
 
     given = _given(options, METHOD_OPTIONS)
     if said is None or "method" not in given:
         return method_of(given.pop("method", said or "layered"), **given)
-    # Another method has those parameters of the scene's that both have.
-    kept = {name: getattr(said, name, None) for name in METHOD_OPTIONS if name != "method"}
+    # Another method has those parameters of the scene's that both have, unless its text tells them.
+    _, told = read(given["method"], "method")
+    names = METHOD_OPTIONS.keys() - {"method", *told}
+    kept = {name: getattr(said, name, None) for name in names}
     return method_of(**{**kept, **given})
 
 

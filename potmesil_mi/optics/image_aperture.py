@@ -67,6 +67,7 @@ class ImageAperture(Aperture):
             )
         values[outside] = 0
         values /= values.max()
+        values += 0.0  # -0 to 0, for equal pictures to have equal bytes
         values.setflags(write=False)
         object.__setattr__(self, "transmission_map", values)
 

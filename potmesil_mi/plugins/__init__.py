@@ -20,12 +20,22 @@ PLUGINS = {
 }
 """Plugin name (and module): what it is to Mitsuba, and its class."""
 
+FOLLOWER = "_potmesil_mi_follower"
+"""Attribute of ``mitsuba.detail``: what is called when the variant changes."""
+
 
 def follow_variants() -> None:
-    """Register every plugin with Mitsuba's variant, now if one is set and whenever it changes."""
+    """Register every plugin with Mitsuba's variant, now if one is set and whenever it changes.
+
+    Should this package have been loaded anew, what was called before no longer is.
+    """
     import mitsuba as mi
 
+    # Mitsuba outlives this module, and so it is what remembers.
+    if (earlier := getattr(mi.detail, FOLLOWER, None)) is not None:
+        mi.detail.remove_variant_callback(earlier)
     mi.detail.add_variant_callback(_follow_variant)
+    setattr(mi.detail, FOLLOWER, _follow_variant)
     if mi.variant() is not None:
         register()
 

@@ -1,7 +1,10 @@
+import argparse
+import dataclasses
 import inspect
 import re
 import subprocess
 import sys
+from typing import ClassVar
 
 import mitsuba as mi
 import numpy as np
@@ -12,6 +15,7 @@ from potmesil_mi import cli
 from potmesil_mi._image import write_picture
 from potmesil_mi.cli import options
 from potmesil_mi.focusing import api
+from potmesil_mi.focusing.methods import Method
 from potmesil_mi.tracing import hidden_surface
 from scenes import OTHERS, SCENES
 
@@ -319,6 +323,63 @@ def test_every_parameter_has_an_option_and_every_option_a_parameter(texts, owner
 
 def test_every_option_of_the_method_is_one_of_focus():
     assert set(options.METHOD_OPTIONS) < set(inspect.signature(pm.focus).parameters)
+
+
+def given_method(*arguments, said=None):
+    parser = argparse.ArgumentParser()
+    options.add_method(parser)
+    return options.given_method(parser.parse_args(arguments), said)
+
+
+def test_a_method_is_a_text_with_parameters_or_one_s_own():
+    @dataclasses.dataclass(frozen=True)
+    class Sharp(Method):
+        sharpness: float = 1.0
+        squares: int | None = None
+        name: ClassVar[str] = "sharp"
+
+    try:
+        assert given_method() == pm.Layered()
+        assert given_method("--method", "layered:lens_points=64") == pm.Layered(64)
+        assert given_method("--method", "layered:lens_points=64", "--squares", "2") == pm.Layered(
+            64, 2
+        )
+        assert given_method("--method", "sharp:sharpness=3", "--squares", "4") == Sharp(3, 4)
+    finally:
+        del Method._registered["sharp"]
+
+
+def test_the_scene_says_of_the_method_what_the_options_do_not():
+    said = pm.LightField(16, 3)
+    assert given_method(said=said) is said
+    assert given_method("--lens-points", "8", said=said) == pm.LightField(8, 3)
+    assert given_method("--method", "layered", said=said) == pm.Layered(16, 3)
+    assert given_method("--method", "layered:lens_points=64", said=said) == pm.Layered(64, 3)
+    both = ["--method", "layered:lens_points=64", "--lens-points", "8"]
+    assert given_method(*both, said=said) == pm.Layered(8, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sharp", "method='sharp': must be one of layered, lightfield, paper;"),
+        ("paper:lens_points=3", "lens_points: not a parameter of the method paper, which has ta"),
+        ("layered:lens_points=0", "lens_points=0: must be"),
+    ],
+)
+@pytest.mark.parametrize("command", ["render", "focus"])
+def test_a_method_that_is_unknown_is_named_at_once(tmp_path, capsys, command, text, message):
+    path = tmp_path / "a.png"
+    assert cli.main([command, "absent", "--method", text, "-o", str(path)]) == 1
+    assert capsys.readouterr().err.startswith(f"potmesil: error: {message}")
+
+
+def test_help_names_the_methods(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["focus", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert all(name in text for name in ("layered", "lightfield", "paper"))
+    assert "such as layered:lens_points=64" in text
 
 
 def test_the_program_lists_its_commands_and_tells_its_version(capsys):

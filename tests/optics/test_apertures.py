@@ -369,6 +369,8 @@ def test_equal_pictures_have_equal_hashes_and_others_are_not_equal():
     assert pm.ImageAperture(other) != first
     row, column = np.ones((1, 4)), np.ones((4, 1))
     assert pm.ImageAperture(row) != pm.ImageAperture(column)
+    zero, minus = pm.ImageAperture([[1, 0.0], [1, 1]]), pm.ImageAperture([[1, -0.0], [1, 1]])
+    assert (zero, hash(zero)) == (minus, hash(minus))
 
 
 def described_picture(levels, **changes):
