@@ -6,8 +6,8 @@ flattening a pixel (each sample over those behind it) gives the weighted mean of
 pinhole picture. Beside them stand ``id``, with its names in the ``idManifest``, and what the
 standard has no name for: ``potmesil.x`` and ``potmesil.y``, the position in pixels of the whole
 film, ``potmesil.weight`` and ``potmesil.alpha``. Camera and lens are JSON in attributes of the
-header; a telecentric lens has a ``type`` there. The data window is the window that was sampled: with overscan it goes beyond the crop
-window, and may go beyond the film, the display window.
+header; a telecentric lens has a ``type`` there. The data window is the window that was sampled:
+with overscan it goes beyond the crop window, and may go beyond the film, the display window.
 
 What is hidden from the pinhole would spoil the flattened picture. It is in a second part of the
 file, named ``hidden``, which is there only if there are such samples; readers that know one part

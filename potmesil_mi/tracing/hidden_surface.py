@@ -53,15 +53,14 @@ def render_samples(
     spp: int = 0,
     seed: int = 0,
     sampling: Sampling | None = None,
-    lens: ThinLens | TelecentricLens | None = None,
+    lens: TelecentricLens | None = None,
 ) -> PointSamples:
     """Point samples of ``scene``: position, radiance, depth and surface of every primary ray.
 
     ``sensor`` is one, or its number in the scene; a ``perspective`` or ``thinlens`` is sampled
     through the pinhole at its place, an ``orthographic`` along parallel rays (see
-    :func:`potmesil_mi.potmesil_sensor`). ``lens`` takes the place of the sensor's: a
-    :class:`potmesil_mi.TelecentricLens` for an ``orthographic``, which has none of its own, and a
-    :class:`potmesil_mi.ThinLens`, with its field of view, for the others.
+    :func:`potmesil_mi.potmesil_sensor`). ``lens`` is for an ``orthographic`` sensor,
+    which has none of its own.
     ``integrator`` gives the radiance; by default the scene's, and what is nested in a ``focus``
     or ``point_samples``. ``spp`` samples a pixel, by default as many as the sampler's count;
     some samplers round it up. With one pass (up to 4M rays) and the same ``seed`` the rays are

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
-class SensorChanges(LensChanges, TelecentricChanges, total=False):  # type: ignore[misc]
+class SensorChanges(LensChanges, TelecentricChanges, total=False):
     """Parameters of either kind of lens."""
 
 
@@ -120,22 +120,26 @@ def is_orthographic(sensor: mi.Sensor) -> bool:
     return bool(sensor.class_name() == "OrthographicCamera")
 
 
-def with_lens(sensor: mi.Sensor, lens: ThinLens | TelecentricLens | None) -> mi.Sensor:
+def with_lens(sensor: mi.Sensor, lens: TelecentricLens | None) -> mi.Sensor:
     """A sensor as :func:`potmesil_sensor` gives it, with ``lens`` in the place of its own.
 
-    The field of view, or the film's width, is that of the lens or of ``sensor`` as there. Raises
-    ``TypeError`` for what is no lens and ``ValueError`` for one that does not fit the sensor.
+    Raises ``TypeError`` for another lens than a telecentric one, and ``ValueError`` for a sensor
+    that is not orthographic.
     """
     if lens is None:
         return potmesil_sensor(sensor)
-    if not isinstance(lens, (ThinLens, TelecentricLens)):
-        raise TypeError(f"lens={lens!r}: must be a ThinLens or a TelecentricLens")
-    if isinstance(lens, TelecentricLens) != is_orthographic(sensor):
-        needed = "TelecentricLens" if is_orthographic(sensor) else "ThinLens"
-        raise ValueError(
-            f"lens={type(lens).__name__}: must be a {needed} for the sensor {sensor.class_name()}"
+    if not isinstance(lens, TelecentricLens):
+        raise TypeError(
+            f"lens={lens!r}: must be a TelecentricLens; potmesil_sensor puts a ThinLens before a "
+            "perspective sensor"
         )
-    return potmesil_sensor(sensor, **lens.plain().parameters())
+    if not is_orthographic(sensor):
+        raise ValueError(
+            f"lens={lens!r}: must not be a TelecentricLens for the sensor {sensor.class_name()}, "
+            "which is not orthographic"
+        )
+    parameters: Any = lens.parameters()
+    return potmesil_sensor(sensor, **parameters)
 
 
 def _orthographic_sensor(sensor: mi.Sensor, lens: Mapping[str, Any]) -> mi.Sensor:
