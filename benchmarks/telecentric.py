@@ -30,7 +30,8 @@ def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
     options.add_argument("--res", type=int, default=256, help="pixels each way")
     options.add_argument("--views", type=int, default=400, help="sheared views of each reference")
-    options.add_argument("--spp", type=int, default=16, help="samples a pixel, of each view too")
+    options.add_argument("--view-spp", type=int, default=4, help="samples a pixel of each view")
+    options.add_argument("--spp", type=int, default=16, help="point samples a pixel")
     arguments = options.parse_args()
     common.start(arguments)
     table = Table(title=f"PSNR in dB beside {arguments.views} sheared orthographic views")
@@ -42,7 +43,7 @@ def main() -> None:
     ):
         for focus_distance in focused:
             lens = pm.TelecentricLens(6.0, focus_distance)
-            halves = reference(scene, lens, arguments.views, arguments.spp)
+            halves = reference(scene, lens, arguments.views, arguments.view_spp)
             converged = (halves[0] + halves[1]) / 2
             # Noise of the mean: half the difference of the halves.
             floor = psnr(converged + (halves[0] - halves[1]) / 2, converged)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from .aperture import Aperture
 from .arithmetic import reciprocal
 from .camera import Camera
 from .disc import Disc
-from .lens import DepthOfField, ThinLens
+from .lens import AnyLensChanges, DepthOfField, ThinLens
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -41,15 +41,6 @@ BEYOND = 1 / 16
 
 LEAST_BEYOND = 1e-3
 """The same as a share of the farthest depth, at least."""
-
-
-class TelecentricChanges(TypedDict, total=False):
-    """What :meth:`TelecentricLens.replace` can change: its parameters."""
-
-    half_angle: float
-    focus_distance: float
-    aperture: Aperture | str
-    squeeze: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,10 +121,11 @@ class TelecentricLens:
         """The lens itself, which is one of plain numbers."""
         return self
 
-    def replace(self, **changes: Unpack[TelecentricChanges]) -> TelecentricLens:
+    def replace(self, **changes: Unpack[AnyLensChanges]) -> TelecentricLens:
         """A lens with some parameters changed. Raises ``TypeError`` for an unknown name."""
         _require_known(changes)
-        return TelecentricLens(**{**self.parameters(), **changes})
+        parameters: dict[str, Any] = {**self.parameters(), **changes}
+        return TelecentricLens(**parameters)
 
     def to_dict(self) -> dict[str, Any]:
         """The parameters as numbers and text, as they are in JSON, and a ``type``."""
@@ -214,7 +206,8 @@ def require_fitting(camera: Camera, lens: ThinLens | TelecentricLens) -> None:
 
 
 def _require_known(given: Mapping[str, Any]) -> None:
-    unknown = sorted(given.keys() - TelecentricChanges.__annotations__.keys())
+    names = {field.name for field in dataclasses.fields(TelecentricLens)}
+    unknown = sorted(given.keys() - names)
     if unknown:
-        known = ", ".join(sorted(TelecentricChanges.__annotations__))
+        known = ", ".join(sorted(names))
         raise TypeError(f"{unknown[0]}: not a parameter of TelecentricLens, which has {known}")

@@ -10,15 +10,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..optics.camera import Camera
-from ..optics.lens import FULL_FRAME_WIDTH, LensChanges, ThinLens
-from ..optics.telecentric import TelecentricChanges, TelecentricLens
+from ..optics.lens import FULL_FRAME_WIDTH, AnyLensChanges, ThinLens
+from ..optics.telecentric import TelecentricLens
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-
-class SensorChanges(LensChanges, TelecentricChanges, total=False):
-    """Parameters of either kind of lens."""
 
 
 @runtime_checkable
@@ -56,7 +52,7 @@ def has_lens(sensor: mi.Sensor) -> bool:
     return isinstance(sensor, LensSensor) or "aperture_radius" in mi.traverse(sensor)
 
 
-def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[SensorChanges]) -> mi.Sensor:
+def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sensor:
     """A ``potmesil`` sensor in the place of ``sensor``, with its film and sampler.
 
     ``lens`` are parameters of :class:`potmesil_mi.ThinLens` that replace what the sensor says.
