@@ -17,7 +17,6 @@ import common
 import mitsuba as mi
 import numpy as np
 from common import console
-from rich.table import Table
 
 import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
@@ -34,30 +33,24 @@ def main() -> None:
     options.add_argument("--spp", type=int, default=16, help="point samples a pixel")
     arguments = options.parse_args()
     common.start(arguments)
-    table = Table(title=f"PSNR in dB beside {arguments.views} sheared orthographic views")
-    for heading in ("scene", "half-angle", "focused", "floor", *METHODS):
-        table.add_column(heading, justify="left" if heading == "scene" else "right")
-    for name, scene, focused in (
-        ("still life", still_life(arguments.res, arguments.spp), (2.0, 4.0)),
-        ("boxes", boxes(arguments.res, arguments.spp), (2.0, 5.0)),
-    ):
-        for focus_distance in focused:
+    console.print(f"PSNR in dB beside {arguments.views} sheared orthographic views, half-angle 6°")
+    for focus_distance in (2.0, 4.0):
+        for make in (still_life, boxes):
+            scene = make(arguments.res, arguments.spp)
             lens = pm.TelecentricLens(6.0, focus_distance)
             halves = reference(scene, lens, arguments.views, arguments.view_spp)
             converged = (halves[0] + halves[1]) / 2
             # Noise of the mean: half the difference of the halves.
             floor = psnr(converged + (halves[0] - halves[1]) / 2, converged)
             samples = pm.render_samples(scene, lens=lens)
-            figures = [
-                psnr(np.array(pm.focus(samples, method=method)), converged) for method in METHODS
-            ]
-            table.add_row(
-                name,
-                f"{lens.half_angle:g}°",
-                f"{focus_distance:g}",
-                *(f"{figure:.1f}" for figure in (floor, *figures)),
+            figures = {
+                method: psnr(np.array(pm.focus(samples, method=method)), converged)
+                for method in METHODS
+            }
+            console.print(
+                f"{make.__name__:10}  focused at {focus_distance:g}:",
+                *(f"{name} {figure:.1f}" for name, figure in {**figures, "floor": floor}.items()),
             )
-    console.print(table)
     console.print(f"Goal: layered at least {GOAL:g} dB")
 
 
@@ -177,6 +170,7 @@ def boxes(res: int, spp: int) -> mi.Scene:
             1.5 + 3.5 * number / 8,
         ]
         axis = random.normal(size=3)
+        axis /= np.linalg.norm(axis)
         turned = mi.ScalarTransform4f().translate(place).rotate(axis, random.uniform(0, 180))
         shapes[f"box{number}"] = {
             "type": "cube",
