@@ -18,6 +18,7 @@ from .optics.lens import DepthOfField, ThinLens
 from .optics.lommel import Lommel
 from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
+from .optics.telecentric import TelecentricLens
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
 from .tracing.hidden_surface import render_samples
@@ -45,6 +46,7 @@ __all__ = [
     "Polygon",
     "Sampling",
     "Star",
+    "TelecentricLens",
     "ThinLens",
     "Window",
     "aperture_of",

@@ -37,7 +37,8 @@ examples:
   potmesil render kitchen.xml --f-number 2 --focus-distance 1.2 -o kitchen.png --samples kitchen.exr
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
-perspective, which has no lens, with the one that the options describe; the field of view stays.
+perspective, which has no lens, with the one that the options describe; the field of view stays. An
+orthographic gets a telecentric lens: --half-angle and --focus-distance.
 An integrator `focus` in the scene says how; any other gives the radiance.
 """
 

@@ -31,6 +31,7 @@ LENS_OPTIONS = {
     "f_number": "aperture number F/D",
     "aperture_radius": "in scene units, in place of --f-number",
     "focus_distance": "in scene units along the axis, or inf",
+    "half_angle": "in degrees, of the telecentric lens of an orthographic sensor",
     "focal_length": "in mm",
     "frame_width": "width of the film in mm",
     "millimeters_per_unit": "size of a scene unit in mm",
@@ -40,7 +41,7 @@ LENS_OPTIONS = {
     "squeeze": "anamorphic: height of highlights to width",
     "vignetting": "of the lens's rim, in the corners",
 }
-"""Help of the options that are parameters of ``ThinLens``."""
+"""Help of the options that are parameters of ``ThinLens`` and ``TelecentricLens``."""
 
 METHOD_OPTIONS = {
     "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation "
@@ -58,6 +59,7 @@ METAVARS = {
     "f_number": "N",
     "aperture_radius": "R",
     "focus_distance": "U",
+    "half_angle": "DEGREES",
     "focal_length": "F",
     "frame_width": "W",
     "millimeters_per_unit": "S",
@@ -111,11 +113,13 @@ def add_sampling(command: argparse.ArgumentParser) -> None:
 
 
 def add_lens(command: argparse.ArgumentParser) -> None:
-    """Add an option for each parameter of ``ThinLens``."""
+    """Add an option for each parameter of ``ThinLens`` and ``TelecentricLens``."""
     from ..optics.lens import ThinLens
+    from ..optics.telecentric import TelecentricLens
 
+    types = {**_types_of(TelecentricLens), **_types_of(ThinLens)}
     group = command.add_argument_group("lens", "default: what the scene or the samples say")
-    _add_parameters(group, _types_of(ThinLens), LENS_OPTIONS)
+    _add_parameters(group, types, LENS_OPTIONS)
 
 
 def add_method(command: argparse.ArgumentParser) -> None:
@@ -179,7 +183,7 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
     """The scene, and its sensor with the lens of the options."""
     import mitsuba as mi
 
-    from ..tracing.sensor import has_lens, pick_sensor, potmesil_sensor
+    from ..tracing.sensor import has_lens, is_orthographic, pick_sensor, potmesil_sensor
 
     set_variant(options.variant)
     # Optimised loading merges meshes of one material, and with them their ids and names.
@@ -188,6 +192,19 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
         raise ValueError(f"{options.scene}: has no integrator")
     sensor = pick_sensor(scene, options.sensor)
     lens = given_lens(options)
+    if is_orthographic(sensor):
+        needed = [name for name in ("half_angle", "focus_distance") if name not in lens]
+        if needed and not has_lens(sensor):
+            raise ValueError(
+                f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
+                "--half-angle and --focus-distance"
+            )
+        return scene, potmesil_sensor(sensor, **lens)
+    if "half_angle" in lens:
+        raise ValueError(
+            f"half_angle={lens['half_angle']}: is for an orthographic sensor, which the scene "
+            f"{options.scene} does not have"
+        )
     if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
         raise ValueError(
             f"{options.scene}: its sensor has no lens; describe one with --f-number (or "

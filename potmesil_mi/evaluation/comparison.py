@@ -26,7 +26,7 @@ from ..focusing.methods import Method, MethodName, method_of
 from ..optics.lens import ThinLens
 from ..tracing.hidden_surface import WrappingIntegrator, render_samples
 from ..tracing.sampling import Sampling
-from ..tracing.sensor import pick_sensor, potmesil_sensor
+from ..tracing.sensor import is_orthographic, pick_sensor, potmesil_sensor
 from . import metrics
 from .reference import FLOOR_MARGIN, REFERENCE_SPP, Reference
 from .search import EqualError, Found, Search
@@ -311,14 +311,16 @@ def _comparable(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
 
     Raises ``ValueError`` otherwise.
     """
-    sensor = potmesil_sensor(pick_sensor(scene, sensor))
+    sensor = pick_sensor(scene, sensor)
+    if not is_orthographic(sensor):  # thinlens_sensor refuses it
+        sensor = potmesil_sensor(sensor)
+    thinlens_sensor(sensor)
     width, height = sensor.camera().crop_size
     if min(width, height) < metrics.SSIM_WINDOW:
         raise ValueError(
             f"film: its crop window has {width}x{height} pixels, must have at least "
             f"{metrics.SSIM_WINDOW}x{metrics.SSIM_WINDOW}"
         )
-    thinlens_sensor(sensor)
     return sensor
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..optics.disc import Disc
 from ..optics.lens import ThinLens
-from ..tracing.sensor import potmesil_sensor
+from ..tracing.sensor import is_orthographic, potmesil_sensor
 
 SAMPLERS = ("multijitter", "orthogonal", "ldsampler")
 """Mitsuba's samplers among which the best one for ``thinlens`` is looked for."""
@@ -32,9 +32,14 @@ def thinlens_sensor(
     stays the sensor's. Placement, clipping planes, shutter and medium stay too.
     The film is of RGB in single precision, with the size, crop window and reconstruction filter
     of the sensor's; ``sampler`` rounds ``spp`` up to a count that it can take. A closed aperture
-    gives a ``perspective``. Raises ``ValueError`` for a sensor whose principal point is off the
-    centre, which ``thinlens`` does not know.
+    gives a ``perspective``. Raises ``ValueError`` for an orthographic sensor, and for one whose
+    principal point is off the centre, which ``thinlens`` does not know.
     """
+    if is_orthographic(sensor):
+        raise ValueError(
+            "sensor: is orthographic, must be perspective to be compared: thinlens has no parallel "
+            "rays"
+        )
     sensor = potmesil_sensor(sensor)
     lens = sensor.lens() if lens is None else lens
     camera = sensor.camera()

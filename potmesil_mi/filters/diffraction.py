@@ -95,6 +95,8 @@ class Diffraction(Filter):
         if self.aperture is not None and not isinstance(self.aperture, Opening):
             raise TypeError(f"aperture={self.aperture!r}: must have transmission(size), or be None")
 
+    needs_focal_length: ClassVar[bool] = True
+
     def __call__(self, picture: np.ndarray, lens: ThinLens, pixels_per_mm: float) -> np.ndarray:
         """See :meth:`Filter.__call__`."""
         light = self.strength * light_above(self.threshold, picture)

@@ -12,6 +12,7 @@ from .. import _backend as jit
 from ..filters.base import FilterFunction
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
+from ..optics.telecentric import TelecentricLens
 from ..samples.point_samples import PointSamples
 from .film import ReconstructionFilter
 from .methods import Method, MethodName, method_of
@@ -20,7 +21,7 @@ from .session import form_picture, memo_of
 
 def focus(
     samples: PointSamples,
-    lens: ThinLens | None = None,
+    lens: ThinLens | TelecentricLens | None = None,
     *,
     method: Method | MethodName = "layered",
     psf: PointSpreadFunction | None = None,
@@ -42,7 +43,11 @@ def focus(
     ``lens``                      any lens, in scene units of any size; the samples' own by
                                   default. The field of view stays that of the samples: the
                                   picture is that of a ``thinlens`` with this
-                                  ``aperture_radius`` and ``focus_distance`` at their place
+                                  ``aperture_radius`` and ``focus_distance`` at their place.
+                                  For samples of an orthographic camera a
+                                  :class:`potmesil_mi.TelecentricLens`; what hit nothing then
+                                  counts as just behind the farthest surface, and behind the
+                                  focused plane
     ``method``                    ``layered`` (default): what is visible, fast.
                                   ``lightfield``: the same with more lens points, on a finer
                                   raster; the one to trust. ``paper``: equation 20, which
@@ -60,7 +65,8 @@ def focus(
                                   to the farthest sample, with a table each; 2 to 10000
                                   (default 73, the paper's)
     ``inverse_square``            ``paper``: light falls off as 1/z^2 (default, the paper's);
-                                  a ray-traced lens does without
+                                  a ray-traced lens does without, and so does a telecentric
+                                  one
     ``squares``                   each pixel is evaluated on so many subpixels on a side, 1 to
                                   16 (default: ``layered`` 1, the others, and with
                                   diffraction all, 2; but 1 where there are less than 4

@@ -48,7 +48,8 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     The C intensities c_i are R, G, B and, if it is asked for, alpha. ``tables`` stand at equally
     spaced depths between the nearest and the farthest sample; samples at infinity have a table
     of their own. With ``inverse_square`` light falls off as 1/z^2; for want of a finite depth,
-    samples at infinity are weighted like the farthest that hit something.
+    samples at infinity are weighted like the farthest that hit something. Before a telecentric
+    lens light does not fall off: there each point of the film sees all of the lens's cone.
 
     Returns Q, float64 (H, W, C), and what each subpixel counts in its pixel, float64 (H, W): on a
     lattice all alike, as in the paper; elsewhere, where chance puts more samples here than there,
@@ -61,7 +62,10 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     # As far as a sample can be from a subpixel of the crop window.
     whole = samples.window.subdivided(exposure.subpixels)
     farthest = whole.width + exposure.crop.width, whole.height + exposure.crop.height
-    stack = _TableStack.of(samples.z, tables)
+    inverse_square = inverse_square and not exposure.telecentric
+    # The depth of an orthographic camera is affine in 1/z of what stands for its samples.
+    with np.errstate(divide="ignore"):
+        stack = _TableStack.of(1 / samples.z if exposure.telecentric else samples.z, tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if exposure.alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
@@ -85,6 +89,9 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
             if unattenuated:
                 values.append(np.ones_like(falloff))
             return np.concatenate(values, axis=1) * weight
+
+        if exposure.telecentric:
+            depth = 1 / depth if depth > 0 else math.inf
 
         def table(offset: np.ndarray, depth: float = depth) -> np.ndarray:
             lens, per_mm = exposure.lens, exposure.subpixels_per_mm

@@ -23,6 +23,9 @@ class Exposure:
     ``psf``                       how the light of a point is spread: one channel's
     ``subpixels``                 on a side of a pixel
     ``alpha``                     whether the picture has alpha besides RGB
+    ``telecentric``               whether samples and lens stand for those of an orthographic
+                                  camera, see :mod:`potmesil_mi.optics.telecentric`: then light
+                                  does not fall off, and 1/z is what steps of depth are equal in
     ============================  ==========================================================
     """
 
@@ -31,6 +34,7 @@ class Exposure:
     psf: PointSpreadFunction
     subpixels: int
     alpha: bool
+    telecentric: bool = False
 
     @property
     def blur(self) -> Blur:

@@ -15,11 +15,18 @@ from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
+from ..optics.telecentric import (
+    TelecentricLens,
+    ThinLensPicture,
+    as_thin_lens,
+    require_fitting,
+)
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
 from .film import ReconstructionFilter, reconstruct
 from .memo import MAX_BYTES, Memo
 from .methods import Method, MethodName
+from .telecentric import changed, require_usable
 
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
@@ -80,7 +87,7 @@ class FocusSession:
 
     def focus(
         self,
-        lens: ThinLens | None = None,
+        lens: ThinLens | TelecentricLens | None = None,
         *,
         psf: PointSpreadFunction | None = None,
         rfilter: ReconstructionFilter | None = None,
@@ -114,7 +121,7 @@ def memo_of(samples: PointSamples) -> Memo:
 
 def form_picture(
     samples: PointSamples,
-    lens: ThinLens | None,
+    lens: ThinLens | TelecentricLens | None,
     method: Method,
     memo: Memo,
     psf: PointSpreadFunction | None,
@@ -125,9 +132,9 @@ def form_picture(
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
     if jit.variant() is not None:  # None: the first backend that works is taken
         jit.require_vectorised_variant("focus")
-    lens = _plain(samples.lens if lens is None else lens).in_units(
-        samples.lens.millimeters_per_unit
-    )
+    given = _plain(samples.lens if lens is None else lens)
+    require_fitting(samples.camera, given)
+    lens, picture_of = _thin_lens(samples, given)
     psf = lens.aperture if psf is None else psf
     if not isinstance(psf, PointSpreadFunction):
         raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
@@ -139,6 +146,8 @@ def form_picture(
         raise TypeError(f"alpha={alpha!r}: must be True or False")
     filters = as_filters(filters)
     method.check(lens)
+    if picture_of is not None:
+        require_usable(psf, filters)
     subpixels = method.squares
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
@@ -146,7 +155,13 @@ def form_picture(
     for channel in channels:
         _require_hashable(channel)
     with _forming:
-        exposures = [Exposure(samples, lens, each, subpixels, bool(alpha)) for each in channels]
+        owned = memo
+        if picture_of is not None:
+            samples, memo = changed(samples, picture_of, memo)
+        exposures = [
+            Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None)
+            for each in channels
+        ]
         pictures = [
             reconstruct(*method.form(exposure, memo), subpixels, rfilter) for exposure in exposures
         ]
@@ -159,8 +174,20 @@ def form_picture(
             pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
             frame = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
             picture = apply_filters(picture, filters, frame, pixels_per_mm)
-        memo.trim()  # What is kept has grown.
+        for grown in (memo, owned):
+            grown.trim()
         return jit.TensorXf(picture.astype(np.float32))
+
+
+def _thin_lens(
+    samples: PointSamples, lens: ThinLens | TelecentricLens
+) -> tuple[ThinLens, ThinLensPicture | None]:
+    """The thin lens that forms the picture, and of which samples it does for a telecentric one."""
+    if isinstance(lens, TelecentricLens):
+        picture = as_thin_lens(samples.z, lens, samples.camera)
+        return picture.lens, picture
+    own = samples.lens
+    return lens.in_units(own.millimeters_per_unit) if isinstance(own, ThinLens) else lens, None
 
 
 def _require_samples(samples: Any) -> None:
@@ -181,8 +208,10 @@ def _require_hashable(psf: PointSpreadFunction) -> None:
         ) from None
 
 
-def _plain(lens: Any) -> ThinLens:
+def _plain(lens: Any) -> ThinLens | TelecentricLens:
     """The lens with plain numbers, if it is one and nobody waits for its derivatives."""
+    if isinstance(lens, TelecentricLens):
+        return lens
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
     for name, value in lens.parameters().items():

@@ -54,6 +54,15 @@ class LensChanges(LensOptions, total=False):
     frame_width: Any
 
 
+class AnyLensChanges(LensChanges, total=False):
+    """Parameters of the lens of any camera, whichever it turns out to be.
+
+    What it does not have, :meth:`ThinLens.replace` or :meth:`TelecentricLens.replace` refuses.
+    """
+
+    half_angle: Any
+
+
 class DepthOfField(NamedTuple):
     """Limits of what appears in focus, as distances from the lens in scene units."""
 
@@ -247,7 +256,7 @@ class ThinLens:
         aperture = Aperture.parse(given.get("aperture", Disc.name), from_file=True)
         return cls(**{**given, "aperture": aperture})
 
-    def replace(self, **changes: Unpack[LensChanges]) -> ThinLens:
+    def replace(self, **changes: Unpack[AnyLensChanges]) -> ThinLens:
         """A lens with some constructor arguments changed.
 
         ``f_number`` takes the place of an ``aperture_radius`` and the other way round; whichever

@@ -15,6 +15,7 @@ from .. import _llvm
 
 PLUGINS = {
     "potmesil": ("sensor", "PotmesilSensor"),
+    "potmesil_orthographic": ("sensor", "PotmesilOrthographicSensor"),
     "point_samples": ("integrator", "PointSamplesIntegrator"),
     "focus": ("integrator", "FocusIntegrator"),
 }

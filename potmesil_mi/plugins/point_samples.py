@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..optics.telecentric import TelecentricLens
 from ..tracing.sampling import Sampling
 from .settings import has_alpha
 from .wrapper import WrapperIntegrator
@@ -99,7 +100,12 @@ def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     alpha = has_alpha(film)
     if samples.lattice > 0:
         # A corner belongs to the four pixels around it, which equation 20 knows.
-        pinhole = samples.lens.replace(f_number=math.inf)
+        lens = samples.lens
+        pinhole = (
+            lens.replace(half_angle=0)
+            if isinstance(lens, TelecentricLens)
+            else lens.replace(f_number=math.inf)
+        )
         method = Equation20(tables=2, inverse_square=False)
         return np.array(focus(samples, pinhole, method=method, rfilter=film.rfilter(), alpha=alpha))
     film.prepare([])

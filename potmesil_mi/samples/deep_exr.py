@@ -6,8 +6,8 @@ flattening a pixel (each sample over those behind it) gives the weighted mean of
 pinhole picture. Beside them stand ``id``, with its names in the ``idManifest``, and what the
 standard has no name for: ``potmesil.x`` and ``potmesil.y``, the position in pixels of the whole
 film, ``potmesil.weight`` and ``potmesil.alpha``. Camera and lens are JSON in attributes of the
-header. The data window is the window that was sampled: with overscan it goes beyond the crop
-window, and may go beyond the film, the display window.
+header; a telecentric lens has a ``type`` there. The data window is the window that was sampled:
+with overscan it goes beyond the crop window, and may go beyond the film, the display window.
 
 What is hidden from the pinhole would spoil the flattened picture. It is in a second part of the
 file, named ``hidden``, which is there only if there are such samples; readers that know one part
@@ -38,6 +38,7 @@ from .._validation import require_whole
 from ..optics.aperture import Aperture
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
+from ..optics.telecentric import TYPE, TelecentricLens, require_fitting
 from .columns import Columns
 from .exr_layout import require_bounded
 from .raster import Window
@@ -81,7 +82,7 @@ class Header:
     """
 
     camera: Camera
-    lens: ThinLens
+    lens: ThinLens | TelecentricLens
     window: Window
     surfaces: Mapping[int, str]
     lattice: int
@@ -94,9 +95,12 @@ class Header:
                 f"crop window {tuple(crop)}: must lie in the window {tuple(self.window)} that was "
                 "sampled"
             )
+        require_fitting(self.camera, self.lens)
         lens = self.lens.plain()
         least, most = F_NUMBERS
-        if not (least <= lens.f_number <= most or lens.f_number == math.inf):
+        if isinstance(lens, ThinLens) and not (
+            least <= lens.f_number <= most or lens.f_number == math.inf
+        ):
             raise ValueError(f"f_number={lens.f_number}: must be {least:g} to {most:g}, or inf")
         for name, value in [*lens.parameters().items(), *self.camera.to_dict().items()]:
             if name not in ("f_number", "aperture_radius"):
@@ -188,15 +192,21 @@ def _attributes(header: Header) -> dict[str, Any]:
     group.setLifetime(OpenEXR.LIFETIME_STABLE)
     for surface, name in header.surfaces.items():
         group.insert(surface, name)
+    # What OpenEXR has attributes for; a telecentric lens has none of it.
+    standard = {}
+    if isinstance(lens, ThinLens):
+        standard = {
+            "aperture": lens.f_number,
+            "focus": lens.focus_distance * lens.millimeters_per_unit / 1000,
+            "nominalFocalLength": lens.focal_length,
+        }
     return {
         "type": OpenEXR.deepscanline,
         "compression": OpenEXR.ZIPS_COMPRESSION,
         "displayWindow": _corners(Window(0, 0, width, height)),
         "dataWindow": _corners(header.window),
         "idManifest": manifest,
-        "aperture": lens.f_number,
-        "focus": lens.focus_distance * lens.millimeters_per_unit / 1000,
-        "nominalFocalLength": lens.focal_length,
+        **standard,
         "potmesil:camera": json.dumps(header.camera.to_dict()),
         "potmesil:lens": json.dumps(header.lens.to_dict()),
         "potmesil:samples": json.dumps({"version": VERSION, "lattice": header.lattice}),
@@ -256,14 +266,19 @@ def _infinity(text: str) -> float:
     return float(text)
 
 
-def _lens(values: dict[str, Any]) -> ThinLens:
+def _lens(values: dict[str, Any]) -> ThinLens | TelecentricLens:
     """The lens of a header, whose aperture names no file."""
     for name, value in values.items():
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
             raise ValueError(f"{name}={str(value)[:80]}: must be a number or text")
     if "aperture" in values:
         values = {**values, "aperture": Aperture.parse(values["aperture"], from_file=True)}
-    return ThinLens.from_dict(values)
+    kind = values.get("type")
+    if kind is None:
+        return ThinLens.from_dict(values)
+    if kind != TYPE:
+        raise ValueError(f"type={kind!r}: must be {TYPE}, or not be there for a thin lens")
+    return TelecentricLens.from_dict(values)
 
 
 def _require_magnitude(name: str, value: Any, least: float) -> None:

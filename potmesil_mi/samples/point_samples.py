@@ -17,6 +17,7 @@ import numpy as np
 from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens, require_fitting
 from . import deep_exr
 from .columns import OF_DEFAULT, Columns
 from .raster import FARTHEST, Window
@@ -37,7 +38,7 @@ class Changes(TypedDict, total=False):
     weight: np.ndarray
     layer: np.ndarray | None
     camera: Camera
-    lens: ThinLens
+    lens: ThinLens | TelecentricLens
     surfaces: Mapping[int, str]
     lattice: int
     window: Window | None
@@ -60,7 +61,8 @@ class PointSamples(Columns):
     ``weight``                    float32 (N,), share of a pixel's area the sample stands for
     ``layer``                     uint8 (N,), how many surfaces the pinhole sees in front of it:
                                   0 for what it sees (default), 1 and more for what is hidden
-    ``camera``, ``lens``          the pinhole that took them, the lens that came with it
+    ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
+                                  orthographic camera a :class:`potmesil_mi.TelecentricLens`
     ``surfaces``                  name of every surface id
     ``lattice``                   where positions are multiples of 1/lattice pixels: that
                                   number; 0 where they may be anywhere
@@ -75,13 +77,14 @@ class PointSamples(Columns):
     """
 
     camera: Camera
-    lens: ThinLens
+    lens: ThinLens | TelecentricLens
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
     window: Window = OF_DEFAULT
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
+        require_fitting(self.camera, self.lens)
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
@@ -162,23 +165,31 @@ class PointSamples(Columns):
             raise ValueError(f"window={tuple(window)}, halo={halo}: there are no samples in it")
         return self.chosen(inside).replace(camera=camera, window=sampled)
 
-    def merge(self, lens: ThinLens | None = None, tolerance: float = 0.1) -> PointSamples:
+    def merge(
+        self, lens: ThinLens | TelecentricLens | None = None, tolerance: float = 0.1
+    ) -> PointSamples:
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
 
         The rule: samples of one quarter of a pixel (its 2x2 squares), of the same layer, surface
         and alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
         pixels, become one. It has the sum of their weights and, weighted by these, the mean of
-        their positions, colours and 1/z, so that the light of a pixel is unchanged. Samples on
-        a lattice belong to several pixels and stay as they are.
+        their positions, colours and 1/z (of an orthographic camera z), so that the light of a
+        pixel is unchanged. Samples on a lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not 0 < tolerance < np.inf:
             raise ValueError(f"tolerance={tolerance}: must be > 0 pixels and finite")
         if self.lattice > 0:
             return self
-        circle = (lens or self.lens).circle_of_confusion(self.z.astype(np.float64))
-        pixels_per_mm = self.camera.focal_length_pixels / (lens or self.lens).film_distance
-        step = np.rint(circle * pixels_per_mm / tolerance)
+        lens = lens or self.lens
+        require_fitting(self.camera, lens)
+        circle = lens.circle_of_confusion(self.z.astype(np.float64))
+        telecentric = isinstance(lens, TelecentricLens)
+        if isinstance(lens, TelecentricLens):
+            pixels_per_unit = self.camera.pixels_per_unit
+        else:
+            pixels_per_unit = self.camera.focal_length_pixels / lens.film_distance
+        step = np.rint(circle * pixels_per_unit / tolerance)
         quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
         keys = np.stack([self.pixel(), quarter, self.layer, self.surface, self.alpha, step])
         order = np.lexsort(keys[::-1])
@@ -195,7 +206,8 @@ class PointSamples(Columns):
             return sums / (total if values.ndim == 1 else total[:, None])
 
         with np.errstate(divide="ignore"):
-            z = 1 / mean(1 / self.z.astype(np.float64))
+            depth = self.z.astype(np.float64)
+            z = mean(depth) if telecentric else 1 / mean(1 / depth)
         return self.replace(
             x=mean(self.x),
             y=mean(self.y),

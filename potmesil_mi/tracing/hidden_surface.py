@@ -6,6 +6,7 @@ place of the paper's ray tracer.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Protocol, runtime_checkable
 
 import drjit as dr
@@ -15,6 +16,7 @@ import numpy as np
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
 from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
@@ -24,7 +26,7 @@ from .patterns import sample_visible
 from .peeling import Peeling, may_hide
 from .rays import PrimaryRays
 from .sampling import Sampling
-from .sensor import pick_sensor, potmesil_sensor
+from .sensor import pick_sensor, with_lens
 from .shapes import closed_shapes, surface_ids
 from .virtual_depth import has_specular
 
@@ -51,11 +53,14 @@ def render_samples(
     spp: int = 0,
     seed: int = 0,
     sampling: Sampling | None = None,
+    lens: TelecentricLens | None = None,
 ) -> PointSamples:
     """Point samples of ``scene``: position, radiance, depth and surface of every primary ray.
 
     ``sensor`` is one, or its number in the scene; a ``perspective`` or ``thinlens`` is sampled
-    through the pinhole at its place (see :func:`potmesil_mi.potmesil_sensor`).
+    through the pinhole at its place, an ``orthographic`` along parallel rays (see
+    :func:`potmesil_mi.potmesil_sensor`). ``lens`` is for an ``orthographic`` sensor,
+    which has none of its own.
     ``integrator`` gives the radiance; by default the scene's, and what is nested in a ``focus``
     or ``point_samples``. ``spp`` samples a pixel, by default as many as the sampler's count;
     some samplers round it up. With one pass (up to 4M rays) and the same ``seed`` the rays are
@@ -65,7 +70,7 @@ def render_samples(
     integrator that cannot be used, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("render_samples")
-    sensor = potmesil_sensor(pick_sensor(scene, sensor))
+    sensor = with_lens(pick_sensor(scene, sensor), lens)
     integrator = integrator or scene.integrator()
     if isinstance(integrator, WrappingIntegrator):
         sampling = sampling or integrator.sampling
@@ -96,11 +101,21 @@ def _sampled(
     rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_mirrors)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
+        if isinstance(widest, TelecentricLens):
+            raise ValueError(
+                f"min_f_number={sampling.min_f_number}: must be None for an orthographic sensor, "
+                "whose lens has a half_angle"
+            )
         widest = widest.replace(f_number=sampling.min_f_number)
     window = _window(rays, sampling.overscan, widest)
     visible = sample_visible(rays, window, sampling)
     if sampling.layers > 1:
-        chosen = may_hide(visible.buffer.columns(), visible.group, window, widest, sensor.camera())
+        first, camera = visible.buffer.columns(), sensor.camera()
+        if isinstance(widest, TelecentricLens):
+            picture = as_thin_lens(first.z, widest, camera)
+            first = dataclasses.replace(first, z=picture.depth(first.z))
+            widest, camera = picture.lens, picture.camera
+        chosen = may_hide(first, visible.group, window, widest, camera)
         Peeling(rays, closed_shapes(scene)).add_hidden(visible, chosen, sampling.layers)
     columns = visible.buffer.columns()
     return PointSamples(
@@ -121,7 +136,7 @@ def _crop_window(film: mi.Film) -> Window:
     return crop
 
 
-def _window(rays: PrimaryRays, margin: int | None, lens: ThinLens) -> Window:
+def _window(rays: PrimaryRays, margin: int | None, lens: ThinLens | TelecentricLens) -> Window:
     """What is sampled: the crop window and overscan, ``margin`` pixels or as far as is needed.
 
     Rays through a grid over twice the film's width and height tell how near things are there.
@@ -130,7 +145,8 @@ def _window(rays: PrimaryRays, margin: int | None, lens: ThinLens) -> Window:
     if margin is not None:
         return crop.grown(margin)
     lens = lens.plain()
-    if lens.aperture_radius == 0:
+    opening = lens.slope if isinstance(lens, TelecentricLens) else lens.aperture_radius
+    if opening == 0:
         return crop
     side = max(crop.width, crop.height)
     spacing = 2 * side / PROBES
@@ -140,4 +156,8 @@ def _window(rays: PrimaryRays, margin: int | None, lens: ThinLens) -> Window:
     x, y = (axis.ravel().astype(np.float32) for axis in np.meshgrid(x, y))
     ray, _ = rays.through(mi.Point2f(x, y), mi.Float(0.5), rays.sensor.shutter_open())
     z = np.array(rays.visible(mi.Ray3f(ray)).depth)
-    return overscan(x, y, z, spacing, crop, lens, rays.sensor.camera())
+    camera = rays.sensor.camera()
+    if isinstance(lens, TelecentricLens):
+        picture = as_thin_lens(z, lens, camera)
+        z, lens, camera = picture.depth(z), picture.lens, picture.camera
+    return overscan(x, y, z, spacing, crop, lens, camera)

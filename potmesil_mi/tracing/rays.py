@@ -11,6 +11,7 @@ import mitsuba as mi
 from ..samples.raster import Window
 from .buffers import Traced
 from .passes import Passes
+from .sensor import is_orthographic
 from .shapes import registry_index
 from .virtual_depth import Visible, trace_visible
 
@@ -23,7 +24,8 @@ class PrimaryRays:
     Field                         Meaning
     ============================  ==========================================================
     ``scene``                     what is looked at
-    ``sensor``                    the ``potmesil`` sensor, through whose pinhole rays go
+    ``sensor``                    the ``potmesil`` sensor, through whose pinhole rays go, or the
+                                  ``potmesil_orthographic``, whose rays are parallel
     ``integrator``                what gives the radiance
     ``passes``                    where random numbers come from
     ``crop``                      the crop window of the sensor's film
@@ -82,11 +84,21 @@ class PrimaryRays:
             return Visible(self.depth(hit), hit, mi.Bool(False))
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
-        return trace_visible(self.scene, to_world @ mi.Point3f(0), ray, hit, axis)
+        origin = to_world @ mi.Point3f(0)
+        if is_orthographic(self.sensor):
+            # Each point of the film has an axis of its own, from the plane at depth 0.
+            axis = dr.normalize(axis)
+            origin = ray.o - axis * dr.dot(ray.o - origin, axis)
+        return trace_visible(self.scene, origin, ray, hit, axis)
 
     def depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
         """Depth of a hit, along the camera's axis; ``inf`` where nothing was hit."""
-        depth = (self.sensor.world_transform().inverse() @ hit.p).z
+        to_world = self.sensor.world_transform()
+        if is_orthographic(self.sensor):  # Its axes are scaled.
+            axis = dr.normalize(to_world @ mi.Vector3f(0, 0, 1))
+            depth = dr.dot(hit.p - to_world @ mi.Point3f(0), axis)
+        else:
+            depth = (to_world.inverse() @ hit.p).z
         return dr.select(hit.is_valid(), depth, dr.inf)
 
     def shaded(

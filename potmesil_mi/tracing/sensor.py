@@ -10,7 +10,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..optics.camera import Camera
-from ..optics.lens import FULL_FRAME_WIDTH, LensChanges, ThinLens
+from ..optics.lens import FULL_FRAME_WIDTH, AnyLensChanges, ThinLens
+from ..optics.telecentric import TelecentricLens
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -26,7 +27,7 @@ class LensSensor(Protocol):
     def camera(self) -> Camera:
         """The pinhole that takes the samples."""
 
-    def lens(self) -> ThinLens:
+    def lens(self) -> ThinLens | TelecentricLens:
         """The lens that the parameters describe."""
 
 
@@ -51,20 +52,25 @@ def has_lens(sensor: mi.Sensor) -> bool:
     return isinstance(sensor, LensSensor) or "aperture_radius" in mi.traverse(sensor)
 
 
-def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[LensChanges]) -> mi.Sensor:
+def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sensor:
     """A ``potmesil`` sensor in the place of ``sensor``, with its film and sampler.
 
     ``lens`` are parameters of :class:`potmesil_mi.ThinLens` that replace what the sensor says.
     A ``potmesil`` sensor keeps its other parameters. A ``thinlens`` keeps its field of view,
     aperture and focus; a ``perspective`` its field of view, with an f-number of ``inf`` unless
     one is given; both are taken as scenes in metres (``millimeters_per_unit`` 1000) on a frame
-    36 mm wide. A sensor's own ``srf`` is lost, for Mitsuba does not tell it. Raises ``TypeError``
+    36 mm wide. An ``orthographic`` becomes a ``potmesil_orthographic``, and ``lens`` are parameters
+    of :class:`potmesil_mi.TelecentricLens`, of which ``half_angle`` and ``focus_distance`` must be
+    given. A sensor's own ``srf`` is lost, for Mitsuba does not tell it. Raises ``TypeError``
     for any other sensor, ``ValueError`` for bad parameters.
     """
+    if is_orthographic(sensor):
+        return _orthographic_sensor(sensor, lens)
     if isinstance(sensor, LensSensor):
         if not lens:
             return sensor
-        thin_lens = sensor.lens().replace(**lens)
+        thin_lens: Any = sensor.lens()
+        thin_lens = thin_lens.replace(**lens)
         camera = sensor.camera()
         to_world = np.array(camera.to_world)
         clip = {"near_clip": camera.near_clip, "far_clip": camera.far_clip}
@@ -73,7 +79,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[LensChanges]) -> mi.Sensor
         parameters = mi.traverse(sensor)
         if "x_fov" not in parameters or "to_world" not in parameters:
             raise TypeError(
-                f"sensor: must be a potmesil, perspective or thinlens sensor, not "
+                f"sensor: must be a potmesil, perspective, thinlens or orthographic sensor, not "
                 f"{sensor.class_name()}"
             )
         thin_lens = _lens_of(parameters, lens)
@@ -96,6 +102,72 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[LensChanges]) -> mi.Sensor
             "principal_point_offset_y": offset[1],
             **clip,
             **sensor_parameters(thin_lens),
+        }
+    )
+    if sensor.get_medium() is not None:
+        replacement.set_medium(sensor.get_medium())
+    return replacement
+
+
+def is_orthographic(sensor: mi.Sensor) -> bool:
+    """Whether the sensor's rays are parallel: ``orthographic`` or ``potmesil_orthographic``."""
+    if isinstance(sensor, LensSensor):
+        return sensor.camera().projection == "orthographic"
+    return bool(sensor.class_name() == "OrthographicCamera")
+
+
+def with_lens(sensor: mi.Sensor, lens: TelecentricLens | None) -> mi.Sensor:
+    """A sensor as :func:`potmesil_sensor` gives it, with ``lens`` in the place of its own.
+
+    Raises ``TypeError`` for another lens than a telecentric one, and ``ValueError`` for a sensor
+    that is not orthographic.
+    """
+    if lens is None:
+        return potmesil_sensor(sensor)
+    if not isinstance(lens, TelecentricLens):
+        raise TypeError(
+            f"lens={lens!r}: must be a TelecentricLens; potmesil_sensor puts a ThinLens before a "
+            "perspective sensor"
+        )
+    if not is_orthographic(sensor):
+        raise ValueError(
+            f"lens={lens!r}: must not be a TelecentricLens for the sensor {sensor.class_name()}, "
+            "which is not orthographic"
+        )
+    parameters: Any = lens.parameters()
+    return potmesil_sensor(sensor, **parameters)
+
+
+def _orthographic_sensor(sensor: mi.Sensor, lens: Mapping[str, Any]) -> mi.Sensor:
+    """A ``potmesil_orthographic`` in the place of one, or of an ``orthographic``."""
+    changes: Any = lens
+    if isinstance(sensor, LensSensor):
+        if not lens:
+            return sensor
+        own: Any = sensor.lens()
+        telecentric = own.replace(**changes)
+    else:
+        for name in ("half_angle", "focus_distance"):
+            if name not in lens:
+                raise TypeError(
+                    f"sensor: an orthographic one has no lens, for which {name} must be given; "
+                    "see TelecentricLens"
+                )
+        telecentric = TelecentricLens(0.0, 0.0).replace(**changes)
+    parameters = mi.traverse(sensor)
+    replacement = mi.load_dict(
+        {
+            "type": "potmesil_orthographic",
+            "id": sensor.id() or "potmesil_orthographic",
+            "film": sensor.film(),
+            "sampler": sensor.sampler(),
+            "to_world": mi.ScalarTransform4f(
+                np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+            ),
+            "shutter_open": sensor.shutter_open(),
+            "shutter_close": sensor.shutter_open() + sensor.shutter_open_time(),
+            **{name: _item(parameters, name) for name in ("near_clip", "far_clip")},
+            **{k: v for k, v in telecentric.to_dict().items() if k != "type"},
         }
     )
     if sensor.get_medium() is not None:

@@ -20,7 +20,12 @@ from . import vectors
 from .basis import CAMERA_AXES, HALF_TURN, CameraAxes, convert_axes, look_at
 from .frustum import Frustum
 from .pipeline import pixel_from_ndc
-from .projection import Behind, perspective_clip_from_camera, perspective_divide
+from .projection import (
+    Behind,
+    orthographic_clip_from_camera,
+    perspective_clip_from_camera,
+    perspective_divide,
+)
 from .vectors import (
     assemble,
     components,
@@ -35,6 +40,12 @@ FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
 
 FOV_AXES: tuple[FovAxis, ...] = get_args(FovAxis)
 """The axes of ``FovAxis``."""
+
+Projection = Literal["perspective", "orthographic"]
+"""How a camera sees: rays through a point, or parallel ones."""
+
+PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
+"""The projections of ``Projection``."""
 
 LARGEST_FILM = 1 << 24
 """Most pixels on a side of the film; from there on float32 does not tell neighbours apart."""
@@ -55,13 +66,17 @@ class Camera:
     ``crop_offset``               first pixel (x, y) of the crop window, which lies in the film
     ``crop_size``                 width and height of the crop window in pixels
     ``x_fov``                     horizontal field of view of the whole film in degrees, > 0 and
-                                  < 180
+                                  < 180; 0 for ``orthographic``
     ``to_world``                  4x4 camera-to-world matrix
     ``near_clip``, ``far_clip``   clipping planes, scene units along z, 0 < near < far
     ``principal_point_offset``    offset (x, y) as a share of the film size, as in
                                   Mitsuba's ``perspective``
     ``shutter_open``,             the interval of time in which rays are sampled
     ``shutter_close``
+    ``projection``                ``perspective`` (default), or ``orthographic``: parallel rays,
+                                  as of Mitsuba's sensor of that name
+    ``film_width``                ``orthographic``: width of the whole film in scene units, > 0;
+                                  ``None`` for ``perspective``
     ============================  ==========================================================
 
     The methods that give matrices and points take ``axes``: ``mitsuba``, as above, or ``opengl``
@@ -81,6 +96,8 @@ class Camera:
     principal_point_offset: tuple[float, float] = (0.0, 0.0)
     shutter_open: float = 0.0
     shutter_close: float = 0.0
+    projection: Projection = "perspective"
+    film_width: float | None = None
 
     def __post_init__(self) -> None:
         for name, least in (("film_size", 1), ("crop_offset", 0), ("crop_size", 1)):
@@ -92,9 +109,7 @@ class Camera:
                     f"crop_offset[{i}]={self.crop_offset[i]}, crop_size[{i}]={self.crop_size[i]}: "
                     f"the crop window must lie in the film of {film} pixels"
                 )
-        require_number("x_fov", self.x_fov)
-        if not 0 < self.x_fov < 180:
-            raise ValueError(f"x_fov={self.x_fov}: must be > 0 and < 180 degrees")
+        self._check_projection()
         for i, row in enumerate(_several("to_world", self.to_world, 4)):
             for j, number in enumerate(_several(f"to_world[{i}]", row, 4)):
                 require_number(f"to_world[{i}][{j}]", number)
@@ -114,9 +129,48 @@ class Camera:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _plain(getattr(self, field.name)))
 
+    def _check_projection(self) -> None:
+        require_choice("projection", self.projection, PROJECTIONS)
+        require_number("x_fov", self.x_fov)
+        if self.projection == "orthographic":
+            if self.x_fov != 0:
+                raise ValueError(f"x_fov={self.x_fov}: must be 0 for an orthographic camera")
+            if self.film_width is None:
+                raise TypeError("film_width: must be given for an orthographic camera")
+            require_number("film_width", self.film_width)
+            if not self.film_width > 0:
+                raise ValueError(f"film_width={self.film_width}: must be > 0 scene units")
+            return
+        if not 0 < self.x_fov < 180:
+            raise ValueError(f"x_fov={self.x_fov}: must be > 0 and < 180 degrees")
+        if self.film_width is not None:
+            raise ValueError(
+                f"film_width={self.film_width}: must be None for a perspective camera, whose film "
+                "x_fov describes"
+            )
+
+    def _require_projection(self, projection: Projection, what: str) -> None:
+        if self.projection != projection:
+            raise ValueError(
+                f"projection={self.projection!r}: must be {projection!r} for {what} of a Camera"
+            )
+
+    @property
+    def pixels_per_unit(self) -> float:
+        """Pixels in a scene unit, at any depth, of an orthographic camera.
+
+        Raises ``ValueError`` for a perspective one.
+        """
+        self._require_projection("orthographic", "pixels_per_unit")
+        return self.film_size[0] / float(self.film_width or math.nan)
+
     @property
     def focal_length_pixels(self) -> float:
-        """Distance of the film from the pinhole in pixels: what a slope of 1 is worth."""
+        """Distance of the film from the pinhole in pixels: what a slope of 1 is worth.
+
+        Raises ``ValueError`` for an orthographic camera, which has no pinhole.
+        """
+        self._require_projection("perspective", "focal_length_pixels")
         return self.film_size[0] / (2 * math.tan(math.radians(self.x_fov) / 2))
 
     @property
@@ -134,8 +188,9 @@ class Camera:
         """The view frustum of the whole film.
 
         Raises ``ValueError`` where the principal point is not in the middle: then the frustum is
-        askew, and :meth:`clip_from_camera` has it.
+        askew, and :meth:`clip_from_camera` has it; and for an orthographic camera.
         """
+        self._require_projection("perspective", "frustum")
         if any(self.principal_point_offset):
             raise ValueError(
                 f"principal_point_offset={self.principal_point_offset}: must be (0, 0) for a "
@@ -189,10 +244,14 @@ class Camera:
         Its x is to the right, y up, z -1 on ``near_clip`` and 1 on ``far_clip``; the axis of view
         meets the film at the :attr:`principal_point`.
         """
+        orthographic = self.projection == "orthographic"
         slope = self.near_clip * math.tan(math.radians(self.x_fov) / 2)
+        if orthographic:
+            slope = float(self.film_width or math.nan) / 2
         height = slope * self.film_size[1] / self.film_size[0]
         x, y = (2 * offset for offset in self.principal_point_offset)
-        return perspective_clip_from_camera(
+        clip_of = orthographic_clip_from_camera if orthographic else perspective_clip_from_camera
+        return clip_of(
             -(1 - x) * slope,
             (1 + x) * slope,
             -(1 + y) * height,
@@ -233,7 +292,10 @@ class Camera:
         leaf = leaf_of(pixels, depth)
         x, y = components("pixels", pixels, 2, leaf)
         z = vectors.number("depth", depth, leaf)
-        scale = z / self.focal_length_pixels
+        if self.projection == "orthographic":
+            scale = 1.0 / self.pixels_per_unit
+        else:
+            scale = z / self.focal_length_pixels
         left, up = (middle - at for middle, at in zip(self.principal_point, (x, y), strict=True))
         points = assemble([left * scale, up * scale, z])
         return points if axes == "mitsuba" else convert_axes(points)
@@ -245,8 +307,11 @@ class Camera:
     # ------------------------------------------------------------ as values
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields as JSON-ready values."""
-        return dataclasses.asdict(self)
+        """The fields as JSON-ready values; those of ``orthographic`` only where it is one."""
+        values = dataclasses.asdict(self)
+        if self.projection == "perspective":
+            del values["projection"], values["film_width"]
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Camera:

@@ -1,0 +1,57 @@
+"""Samples of an orthographic camera, as a thin lens forms their picture.
+
+The change of depth is that of :mod:`potmesil_mi.optics.telecentric`. What is found out about the
+changed samples is kept with the original ones.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from ..filters.base import FilterFunction
+from ..optics.psf import PointSpreadFunction, aperture_behind
+from ..optics.telecentric import ThinLensPicture
+from ..samples.point_samples import PointSamples
+from .memo import Memo
+
+
+@dataclasses.dataclass(frozen=True)
+class Changed:
+    """Samples with their depth changed, and what has been found out about them."""
+
+    samples: PointSamples
+    memo: Memo
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes of the changed depth and of what is kept."""
+        return self.samples.z.nbytes + self.memo.nbytes
+
+
+def changed(
+    samples: PointSamples, picture: ThinLensPicture, memo: Memo
+) -> tuple[PointSamples, Memo]:
+    """The samples that the thin lens of ``picture`` is before, and a memo of their own.
+
+    ``memo`` is that of the original samples, and keeps both.
+    """
+
+    def make() -> Changed:
+        depth = picture.depth(samples.z)
+        perspective = samples.replace(z=depth, camera=picture.camera, lens=picture.lens)
+        return Changed(perspective, Memo(memo.max_bytes))
+
+    kept = memo.get(("telecentric", picture.reference), make)
+    return kept.samples, kept.memo
+
+
+def require_usable(psf: PointSpreadFunction, filters: Sequence[FilterFunction]) -> None:
+    """Raise ``ValueError`` for what asks for the focal length that a telecentric lens has not."""
+    if aperture_behind(psf).diffracts:
+        raise ValueError(f"psf={psf!r}: must not diffract with a TelecentricLens")
+    for each in filters:
+        if getattr(each, "needs_focal_length", False):
+            raise ValueError(
+                f"filters: {each} needs a focal length, which a TelecentricLens has not"
+            )

@@ -1,0 +1,63 @@
+"""The command line before scenes with an orthographic sensor."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi.cli import main
+
+SCENE = """<scene version="3.0.0">
+  <integrator type="direct"/>
+  <sensor type="{sensor}">
+    <transform name="to_world"><scale x="1.2" y="1.2" z="1"/></transform>
+    <film type="hdrfilm">
+      <integer name="width" value="16"/><integer name="height" value="16"/>
+    </film>
+    <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
+  </sensor>
+  <shape type="sphere"><point name="center" x="0" y="0" z="2.5"/><float name="radius" value="0.5"/></shape>
+  <emitter type="constant"/>
+</scene>"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def written(sensor="orthographic"):
+        path = tmp_path / f"{sensor}.xml"
+        path.write_text(SCENE.format(sensor=sensor), encoding="utf-8")
+        return str(path)
+
+    return written
+
+
+def test_an_orthographic_scene_is_rendered_and_focused_anew(scene, tmp_path):
+    picture, samples, again = (str(tmp_path / name) for name in ("a.exr", "s.exr", "b.exr"))
+    lens = ["--half-angle", "5", "--focus-distance", "2"]
+    assert main(["render", scene(), *lens, "-o", picture, "--samples", samples]) == 0
+    assert pm.PointSamples.load(samples).lens == pm.TelecentricLens(5.0, 2.0)
+    assert main(["focus", samples, "--half-angle", "9", "-o", again]) == 0
+    first, second = (np.array(mi.Bitmap(path)) for path in (picture, again))
+    assert first.shape[:2] == second.shape[:2] == (16, 16)
+    assert np.abs(first[..., :3] - second[..., :3]).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("command", "sensor", "options", "message"),
+    [
+        ("render", "orthographic", [], "--half-angle and --focus-distance"),
+        ("render", "perspective", ["--half-angle", "5"], "half_angle=5.0: is for an orthographic"),
+        (
+            "compare",
+            "orthographic",
+            ["--half-angle", "5", "--focus-distance", "2"],
+            "is orthographic, must be perspective",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(
+    scene, tmp_path, capsys, command, sensor, options, message
+):
+    output = ["-o", str(tmp_path / "a.png")]
+    assert main([command, scene(sensor), *options, *output]) != 0
+    assert message in " ".join(capsys.readouterr().err.split())
