@@ -16,7 +16,9 @@ SCENE = """<scene version="3.0.0">
     </film>
     <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
   </sensor>
-  <shape type="sphere"><point name="center" x="0" y="0" z="2.5"/><float name="radius" value="0.5"/></shape>
+  <shape type="sphere">
+    <point name="center" x="0" y="0" z="2.5"/><float name="radius" value="0.5"/>
+  </shape>
   <emitter type="constant"/>
 </scene>"""
 
