@@ -11,7 +11,7 @@ import functools
 import importlib
 import sys
 import threading
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 from . import _llvm
@@ -51,7 +51,7 @@ def __getattr__(attribute: str) -> Any:
     return getattr(_arrays(variant()), attribute)
 
 
-IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm")
+IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm", "execnet")
 """Libraries whose threads evaluate no arrays; a notebook has several of them."""
 
 USERS_THREADS = "ipykernel.subshell"
@@ -60,20 +60,20 @@ USERS_THREADS = "ipykernel.subshell"
 
 def evaluates_alone() -> bool:
     """Whether no other Python thread may be evaluating arrays now."""
-    own = threading.current_thread()
-    others = [thread for thread in threading.enumerate() if thread is not own]
-    # Threads that the module `threading` has not started are counted by their frames alone.
-    unknown = len(sys._current_frames()) - len(others) - 1
-    return unknown <= 0 and all(map(_is_idle, others))
+    own = threading.get_ident()
+    frames = sys._current_frames()
+    return all(_is_idle(frame) for thread, frame in frames.items() if thread != own)
 
 
-def _is_idle(thread: threading.Thread) -> bool:
-    """Whether a thread is of a library whose threads evaluate nothing."""
-    runs = getattr(thread, "_target", None)
-    modules = type(thread).__module__, getattr(runs, "__module__", None) or ""
-    return USERS_THREADS not in modules and any(
-        module.split(".")[0] in IDLE_LIBRARIES for module in modules
-    )
+def _is_idle(frame: FrameType | None) -> bool:
+    """Whether what a thread was started with is of a library whose threads evaluate nothing."""
+    started_with = ""
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "")
+        if module != "threading":
+            started_with = module
+        frame = frame.f_back
+    return started_with.split(".")[0] in IDLE_LIBRARIES and started_with != USERS_THREADS
 
 
 def variant() -> str | None:

@@ -395,11 +395,14 @@ def _rated(taken: Measured, reference: np.ndarray) -> Rendering:
 def output_paths(output: str | os.PathLike[str]) -> dict[Path, str]:
     """Files that :meth:`Comparison.write` writes, and the picture that each is of.
 
-    In ``output`` if it is a folder or ends in a slash, else beside it. Raises an ``OSError``
-    where they cannot be written.
+    In ``output`` if it is a folder or ends in a slash, which makes the folder; else beside it.
+    Raises an ``OSError`` where they cannot be written.
     """
     text = os.fspath(output)
-    in_folder = Path(text).is_dir() or text.endswith(("/", os.sep))
+    named_folder = text.endswith(("/", os.sep))
+    if named_folder:
+        Path(text).mkdir(parents=True, exist_ok=True)
+    in_folder = named_folder or Path(text).is_dir()
     paths = {}
     for name in PICTURES:
         for suffix in SUFFIXES:

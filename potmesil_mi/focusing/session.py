@@ -100,6 +100,11 @@ class FocusSession:
         )
 
     @property
+    def max_bytes(self) -> int:
+        """Bound in bytes of what is kept."""
+        return self._memo.max_bytes
+
+    @property
     def nbytes(self) -> int:
         """Memory in bytes of what is kept, without the samples."""
         return self._memo.nbytes

@@ -70,6 +70,10 @@ def render_samples(
     integrator that cannot be used, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("render_samples")
+    if not isinstance(scene, mi.Scene):
+        raise TypeError(f"scene={scene!r}: must be a scene, as mi.load_file gives")
+    if sampling is not None and not isinstance(sampling, Sampling):
+        raise TypeError(f"sampling={sampling!r}: must be a Sampling, such as Sampling('uniform')")
     sensor = with_lens(pick_sensor(scene, sensor), lens)
     integrator = integrator or scene.integrator()
     if isinstance(integrator, WrappingIntegrator):

@@ -112,8 +112,11 @@ def test_output_is_a_folder_or_a_prefix(tmp_path):
     prefixed = output_paths(tmp_path / "a-b")
     assert sorted(path.name for path in prefixed) == sorted(f"a-b-{name}" for name in FILES)
     assert prefixed[tmp_path / "a-b-thinlens.png"] == "thinlens"
+    made = output_paths(f"{tmp_path}/deeper/made/")
+    assert sorted(path.name for path in made) == FILES
+    assert (tmp_path / "deeper" / "made").is_dir()
     with pytest.raises(FileNotFoundError, match="there is no folder"):
-        output_paths(f"{tmp_path}/none/")
+        output_paths(f"{tmp_path}/none/prefix")
 
 
 PERSPECTIVE = """<scene version="3.0.0"><integrator type="direct"/><emitter type="constant"/>

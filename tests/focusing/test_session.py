@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import sys
 import threading
 import weakref
 
@@ -158,6 +159,9 @@ def test_a_session_keeps_the_samples_and_the_method_that_it_was_made_with():
         session.samples = overscanned()
     with pytest.raises(AttributeError):
         session.method = "paper"
+    assert session.max_bytes == 2 << 30
+    with pytest.raises(AttributeError):
+        session.max_bytes = 0
 
 
 class Broken(pm.Disc):
@@ -320,16 +324,30 @@ def test_ends_of_depths_are_found_right_beside_busy_threads():
         np.testing.assert_allclose(fragments.values, expected.values, rtol=1e-4, atol=1e-5)
 
 
-def thread_of(module, target=None):
-    return type("Thread", (threading.Thread,), {"__module__": module})(target=target)
-
-
-def test_idle_threads_of_notebooks_are_told_from_those_of_users():
-    assert _backend._is_idle(thread_of("ipykernel.heartbeat"))
-    assert _backend._is_idle(thread_of("IPython.core.history"))
-    assert not _backend._is_idle(thread_of("ipykernel.subshell"))
-    assert not _backend._is_idle(thread_of("tests"))
-    assert not _backend._is_idle(threading.Thread(target=pictures))
+@pytest.mark.parametrize(
+    ("module", "idle"),
+    [
+        ("ipykernel.heartbeat", True),
+        ("IPython.core.history", True),
+        ("ipykernel.subshell", False),
+        ("concurrent.futures.thread", False),
+        ("threading", False),
+        ("a_users_module", False),
+    ],
+)
+def test_idle_threads_of_notebooks_are_told_from_those_of_users(module, idle):
+    started, done = threading.Event(), threading.Event()
+    source = "def run(started, done):\n    started.set()\n    done.wait()\n"
+    space = {"__name__": module}
+    exec(source, space)
+    thread = threading.Thread(target=space["run"], args=(started, done))
+    thread.start()
+    started.wait()
+    try:
+        assert _backend._is_idle(sys._current_frames()[thread.ident]) == idle
+    finally:
+        done.set()
+        thread.join()
 
 
 def test_beside_another_thread_arrays_are_not_evaluated_alone():

@@ -353,9 +353,11 @@ def _tuples(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """A number, or the numbers in a tuple, as Python's own, which JSON has."""
+    """A number, or the numbers in a tuple, as Python's own, which JSON has; else the value."""
     if isinstance(value, tuple):
         return tuple(_plain(item) for item in value)
+    if value is None or isinstance(value, str):
+        return value
     return int(value) if isinstance(value, Integral) else float(value)
 
 
