@@ -25,7 +25,7 @@ NO_FUNCTIONS = {"axes", "dataclasses", "lens_center", "eye", "potmesil_mi"}
 
 def test_functions_and_tests_that_the_tables_name_are_there():
     tests = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.py"))
-    places = (cam, cam.Frustum, pm.Camera, pm.ThinLens)
+    places = (cam, cam.Frustum, pm, pm.Camera, pm.ThinLens)
     rows = [line for line in PAGE.partition("## *Camera")[2].splitlines() if line[:2] == "| "]
     assert len(rows) > 50
     missing = []
