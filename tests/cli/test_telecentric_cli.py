@@ -10,13 +10,14 @@ from potmesil_mi.cli import main
 SCENE = """<scene version="3.0.0">
   <integrator type="direct"/>
   <sensor type="{sensor}">
-    <transform name="to_world"><scale x="1.2" y="1.2" z="1"/></transform>
     <film type="hdrfilm">
       <integer name="width" value="16"/><integer name="height" value="16"/>
     </film>
     <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
   </sensor>
-  <shape type="sphere"><point name="center" x="0" y="0" z="2.5"/><float name="radius" value="0.5"/></shape>
+  <shape type="sphere">
+    <point name="center" x="0" y="0" z="2.5"/><float name="radius" value="0.5"/>
+  </shape>
   <emitter type="constant"/>
 </scene>"""
 
