@@ -313,12 +313,15 @@ def test_help_has_units_and_examples(command, capsys):
 
 
 @pytest.mark.parametrize(
-    ("texts", "owner"),
-    [(options.SAMPLING_OPTIONS, pm.Sampling), (options.LENS_OPTIONS, pm.ThinLens)],
+    ("texts", "owners"),
+    [
+        (options.SAMPLING_OPTIONS, [pm.Sampling]),
+        (options.LENS_OPTIONS, [pm.ThinLens, pm.TelecentricLens]),
+    ],
     ids=["sampling", "lens"],
 )
-def test_every_parameter_has_an_option_and_every_option_a_parameter(texts, owner):
-    assert set(texts) == set(inspect.signature(owner).parameters)
+def test_every_parameter_has_an_option_and_every_option_a_parameter(texts, owners):
+    assert set(texts) == {name for each in owners for name in inspect.signature(each).parameters}
 
 
 def test_every_option_of_the_method_is_one_of_focus():

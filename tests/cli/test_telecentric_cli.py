@@ -10,7 +10,6 @@ from potmesil_mi.cli import main
 SCENE = """<scene version="3.0.0">
   <integrator type="direct"/>
   <sensor type="{sensor}">
-    <transform name="to_world"><scale x="1.2" y="1.2" z="1"/></transform>
     <film type="hdrfilm">
       <integer name="width" value="16"/><integer name="height" value="16"/>
     </film>

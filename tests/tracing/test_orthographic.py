@@ -180,3 +180,14 @@ def test_the_integrator_focus_renders_through_a_telecentric_sensor():
     np.testing.assert_allclose(
         np.array(mi.render(made, seed=3)), np.array(pm.focus(samples)), atol=1e-5
     )
+
+
+def test_the_sensor_follows_its_parameters():
+    lens = {"half_angle": 6.0, "focus_distance": 2.2}
+    updated = mi.load_dict(sensor("potmesil_orthographic", **lens))
+    parameters = mi.traverse(updated)
+    parameters["focus_distance"] = 3.0
+    parameters["to_world"] = mi.Transform4f().scale([2.0, 2.0, 1.0])
+    parameters.update()
+    assert updated.lens() == pm.TelecentricLens(6.0, 3.0)
+    assert updated.camera().film_width == pytest.approx(4.0)
