@@ -7,11 +7,12 @@ They are asked for at each use, since a user may change the variant at any time.
 
 from __future__ import annotations
 
+import _thread
 import functools
 import importlib
 import sys
 import threading
-from types import FrameType, ModuleType
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from . import _llvm
@@ -51,7 +52,7 @@ def __getattr__(attribute: str) -> Any:
     return getattr(_arrays(variant()), attribute)
 
 
-IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm", "execnet")
+IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm")
 """Libraries whose threads evaluate no arrays; a notebook has several of them."""
 
 USERS_THREADS = "ipykernel.subshell"
@@ -59,21 +60,24 @@ USERS_THREADS = "ipykernel.subshell"
 
 
 def evaluates_alone() -> bool:
-    """Whether no other Python thread may be evaluating arrays now."""
-    own = threading.get_ident()
-    frames = sys._current_frames()
-    return all(_is_idle(frame) for thread, frame in frames.items() if thread != own)
+    """Whether no other Python thread may be evaluating arrays now.
+
+    Frames of the threads would tell more, but to ask for them while arrays are freed may wait
+    for ever.
+    """
+    known = threading.enumerate()
+    unknown = _thread._count() + 1 - len(known)
+    own = threading.current_thread()
+    return unknown <= 0 and all(_is_idle(thread) for thread in known if thread is not own)
 
 
-def _is_idle(frame: FrameType | None) -> bool:
-    """Whether what a thread was started with is of a library whose threads evaluate nothing."""
-    started_with = ""
-    while frame is not None:
-        module = frame.f_globals.get("__name__", "")
-        if module != "threading":
-            started_with = module
-        frame = frame.f_back
-    return started_with.split(".")[0] in IDLE_LIBRARIES and started_with != USERS_THREADS
+def _is_idle(thread: threading.Thread) -> bool:
+    """Whether a thread is of a library whose threads evaluate nothing."""
+    runs = getattr(thread, "_target", None)
+    modules = type(thread).__module__, getattr(runs, "__module__", None) or ""
+    return USERS_THREADS not in modules and any(
+        module.split(".")[0] in IDLE_LIBRARIES for module in modules
+    )
 
 
 def variant() -> str | None:

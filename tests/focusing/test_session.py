@@ -2,7 +2,6 @@
 
 import dataclasses
 import gc
-import sys
 import threading
 import weakref
 
@@ -324,30 +323,16 @@ def test_ends_of_depths_are_found_right_beside_busy_threads():
         np.testing.assert_allclose(fragments.values, expected.values, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("module", "idle"),
-    [
-        ("ipykernel.heartbeat", True),
-        ("IPython.core.history", True),
-        ("ipykernel.subshell", False),
-        ("concurrent.futures.thread", False),
-        ("threading", False),
-        ("a_users_module", False),
-    ],
-)
-def test_idle_threads_of_notebooks_are_told_from_those_of_users(module, idle):
-    started, done = threading.Event(), threading.Event()
-    source = "def run(started, done):\n    started.set()\n    done.wait()\n"
-    space = {"__name__": module}
-    exec(source, space)
-    thread = threading.Thread(target=space["run"], args=(started, done))
-    thread.start()
-    started.wait()
-    try:
-        assert _backend._is_idle(sys._current_frames()[thread.ident]) == idle
-    finally:
-        done.set()
-        thread.join()
+def thread_of(module):
+    return type("Thread", (threading.Thread,), {"__module__": module})()
+
+
+def test_idle_threads_of_notebooks_are_told_from_those_of_users():
+    assert _backend._is_idle(thread_of("ipykernel.heartbeat"))
+    assert _backend._is_idle(thread_of("IPython.core.history"))
+    assert not _backend._is_idle(thread_of("ipykernel.subshell"))
+    assert not _backend._is_idle(thread_of("concurrent.futures.thread"))
+    assert not _backend._is_idle(threading.Thread(target=pictures))
 
 
 def test_beside_another_thread_arrays_are_not_evaluated_alone():
