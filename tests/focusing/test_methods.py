@@ -57,33 +57,40 @@ def test_a_bad_method_is_named(make, error, text):
         make()
 
 
-@dataclasses.dataclass(frozen=True)
-class Pinhole(pm.Method):
-    """A method of one's own: the pinhole's picture times a gain."""
+@pytest.fixture
+def own_method():
+    """A class that is a member of the family for the time of a test."""
 
-    gain: float = 1.0
-    name: ClassVar[str] = "test_pinhole"
+    @dataclasses.dataclass(frozen=True)
+    class Pinhole(pm.Method):
+        """A method of one's own: the pinhole's picture times a gain."""
 
-    def form(self, exposure, memo):
-        crop, samples = exposure.crop, exposure.samples.visible()
-        pixel = samples.pixel()
-        total = np.bincount(pixel, samples.weight, samples.window.size)
-        columns = [*samples.rgb.T] + ([samples.alpha] if exposure.alpha else [])
-        sums = [np.bincount(pixel, samples.weight * c, samples.window.size) for c in columns]
-        picture = self.gain * np.stack(sums, axis=-1) / np.maximum(total, 1e-9)[:, None]
-        height, width = samples.window.shape
-        rows = slice(crop.top, crop.bottom), slice(crop.left, crop.right)
-        return picture.reshape(height, width, -1)[rows], total.reshape(height, width)[rows]
+        gain: float = 1.0
+        name: ClassVar[str] = "test_pinhole"
+
+        def form(self, exposure, memo):
+            crop, samples = exposure.crop, exposure.samples.visible()
+            pixel = samples.pixel()
+            total = np.bincount(pixel, samples.weight, samples.window.size)
+            columns = [*samples.rgb.T] + ([samples.alpha] if exposure.alpha else [])
+            sums = [np.bincount(pixel, samples.weight * c, samples.window.size) for c in columns]
+            picture = self.gain * np.stack(sums, axis=-1) / np.maximum(total, 1e-9)[:, None]
+            height, width = samples.window.shape
+            rows = slice(crop.top, crop.bottom), slice(crop.left, crop.right)
+            return picture.reshape(height, width, -1)[rows], total.reshape(height, width)[rows]
+
+    yield Pinhole
+    del pm.Method._registered[Pinhole.name]
 
 
-@pytest.mark.parametrize("method", [Pinhole(2.0), "test_pinhole:gain=2"])
-def test_a_method_of_ones_own_forms_pictures(method):
+def test_a_method_of_ones_own_forms_pictures(own_method):
     samples = overscanned()
     closed = samples.lens.replace(f_number=np.inf)
     expected = 2 * np.array(pm.focus(samples, closed))
-    np.testing.assert_allclose(np.array(pm.focus(samples, method=method)), expected, atol=1e-5)
-    session = pm.FocusSession(samples, method)
-    assert np.array(session.focus(alpha=True)).shape == (*expected.shape[:2], 4)
+    for method in (own_method(2.0), "test_pinhole:gain=2"):
+        np.testing.assert_allclose(np.array(pm.focus(samples, method=method)), expected, atol=1e-5)
+        session = pm.FocusSession(samples, method)
+        assert np.array(session.focus(alpha=True)).shape == (*expected.shape[:2], 4)
 
 
 def test_the_paper_refuses_vignetting_before_anything_is_formed():
