@@ -13,6 +13,7 @@ import numpy as np
 from .. import _backend as jit
 from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
+from ..optics.arithmetic import is_drjit
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
 from ..optics.telecentric import (
@@ -220,7 +221,7 @@ def _plain(lens: Any) -> ThinLens | TelecentricLens:
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
     for name, value in lens.parameters().items():
-        if type(value).__module__.startswith("drjit") and dr.grad_enabled(value):
+        if is_drjit(value) and dr.grad_enabled(value):
             raise NotImplementedError(
                 f"{name}: has gradients enabled, but a focus has no derivatives; detach it, as by "
                 "dr.detach"

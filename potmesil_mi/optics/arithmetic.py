@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 
 
+def is_drjit(value: Any) -> bool:
+    """Whether ``value`` is an array of Dr.Jit, which this does not import."""
+    return type(value).__module__.startswith("drjit")
+
+
 def on_host(value: Any) -> Any:
     """``value`` as a NumPy array, for checks and for results that are plain numbers."""
     if isinstance(value, str):
         return np.asarray(value)
-    if type(value).__module__.startswith("drjit"):
+    if is_drjit(value):
         import drjit as dr
 
         value = dr.detach(value)

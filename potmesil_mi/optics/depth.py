@@ -22,7 +22,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from .._validation import require_choice
-from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each
+from .arithmetic import clamp_at_zero, is_drjit, on_host, positive_finite, reciprocal, require_each
 from .camera import Camera
 
 Clip = Literal["opengl", "direct3d"]
@@ -223,7 +223,7 @@ def _near_over_depth(name: str, value: Any, stored: Any, near: Any, far: Any, re
 
 
 def _square_root(value: Any) -> Any:
-    if type(value).__module__.startswith("drjit"):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.sqrt(value)

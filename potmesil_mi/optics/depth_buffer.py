@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from .._validation import require_choice
-from .arithmetic import clamp_at_zero, on_host, reciprocal, require_each
+from .arithmetic import clamp_at_zero, is_drjit, on_host, reciprocal, require_each
 from .blur import radius_per_vergence
 from .camera import Camera
 from .depth import (
@@ -85,7 +85,7 @@ def rgba_from_stored(stored: Any, *, first: First = "red") -> Any:
     channels = [_whole(channel + 255 * last, "u1") for channel in [*channels, lowest]]
     if first == "alpha":
         channels.reverse()
-    return tuple(channels) if _is_drjit(stored) else np.stack(channels, axis=-1).astype("u1")
+    return tuple(channels) if is_drjit(stored) else np.stack(channels, axis=-1).astype("u1")
 
 
 def stored_from_rgba(rgba: Any, *, first: First = "red") -> Any:
@@ -239,12 +239,8 @@ def _largest(bits: int) -> int:
     return (1 << bits) - 1
 
 
-def _is_drjit(value: Any) -> bool:
-    return type(value).__module__.startswith("drjit")
-
-
 def _in_double(value: Any) -> Any:
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.float64_array_t(type(value))(value)
@@ -252,7 +248,7 @@ def _in_double(value: Any) -> Any:
 
 
 def _in_single(value: Any) -> Any:
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.float32_array_t(type(value))(value)
@@ -260,7 +256,7 @@ def _in_single(value: Any) -> Any:
 
 
 def _floor(value: Any) -> Any:
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.floor(value)
@@ -268,7 +264,7 @@ def _floor(value: Any) -> Any:
 
 
 def _rounded(value: Any) -> Any:
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.round(value)
@@ -277,7 +273,7 @@ def _rounded(value: Any) -> Any:
 
 def _whole(value: Any, dtype: str) -> Any:
     """Whole numbers as integers: ``int``, an array of ``dtype``, or Dr.Jit's ``UInt32``."""
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         return dr.uint32_array_t(type(value))(value)
@@ -286,7 +282,7 @@ def _whole(value: Any, dtype: str) -> Any:
 
 def _float32_step(value: Any) -> Any:
     """From |value| in float32 to the next larger number."""
-    if _is_drjit(value):
+    if is_drjit(value):
         import drjit as dr
 
         single = dr.detach(_in_single(abs(value)))
