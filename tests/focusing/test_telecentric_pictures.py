@@ -96,7 +96,8 @@ def test_the_paper_has_no_fall_off():
         np.array(pm.focus(samples, method=pm.Equation20(inverse_square=each)))
         for each in (True, False)
     )
-    np.testing.assert_array_equal(with_it, without)
+    # Threads add the same light up in a changing order.
+    np.testing.assert_allclose(with_it, without, rtol=0, atol=2e-6)
 
 
 def test_a_session_finds_out_once_and_gives_it_up():

@@ -288,12 +288,15 @@ def test_a_crop_with_a_halo_is_focused_like_the_whole(window, squares, method):
 
 
 def test_without_a_halo_what_is_outside_is_not_missed_in_focus():
-    """Through a pinhole the crop alone is the picture of the crop, to the last bit."""
+    """Through a pinhole the crop alone is the picture of the crop.
+
+    Threads add the same light up in a changing order: 4 units in the last place.
+    """
     samples, window = two_planes(), Window(10, 8, 20, 16)
     pinhole = samples.lens.replace(f_number=np.inf)
     whole = np.array(pm.focus(samples, pinhole))[window.slices_in(samples.crop_window)]
     part = np.array(pm.focus(samples.crop(window), pinhole))
-    np.testing.assert_array_equal(part, whole)
+    np.testing.assert_allclose(part, whole, rtol=4 * np.finfo(np.float32).eps)
 
 
 @pytest.mark.parametrize("pattern", ["uniform", "adaptive"])
