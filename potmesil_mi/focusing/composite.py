@@ -43,7 +43,6 @@ class Compositor:
         self.crop = crop
         # What is covered adds up in the column of shares.
         self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
-        self.arrived = np.zeros(crop.shape, dtype=np.float32)
 
     def put_behind(self, slices: Sequence[SpreadSlice]) -> None:
         """Put the light of slices that are at about one depth where there is still room for it."""
@@ -74,10 +73,9 @@ class Compositor:
 
     def _admit(self, light: np.ndarray, rows: Window) -> None:
         """Add the part of ``light``, which becomes that part, for which there is room."""
-        place = rows.slices_in(Window(0, 0, *self.arrived.shape[::-1]))
+        place = rows.slices_in(Window(0, 0, *self.total.shape[1::-1]))
         np.maximum(light, 0, out=light)
         nearer, share = self.total[place], light[..., SHARE]
-        self.arrived[place] += share
         admitted = (1 - nearer[..., SHARE]) / np.maximum(share, FAINTEST)
         np.clip(admitted, 0, 1, out=admitted)
         admitted[share <= FAINTEST] = 0
@@ -85,17 +83,16 @@ class Compositor:
         nearer += light
 
     def finished(self) -> tuple[np.ndarray, np.ndarray]:
-        """The picture, float32 (H, W, 3 or 4), and the light that reached each subpixel, (H, W)."""
+        """The picture, float32 (H, W, 3 or 4), and which subpixels light reached, bool (H, W)."""
         colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
-        picture = np.empty((*self.arrived.shape, len(colours)), dtype=np.float32)
+        lit = self.total[..., SHARE] > FAINTEST
+        picture = np.empty((*lit.shape, len(colours)), dtype=np.float32)
         for start in range(0, len(picture), ROWS):
             rows = slice(start, start + ROWS)
-            covered = self.total[rows, :, SHARE]
-            lit = covered > FAINTEST
-            self.arrived[rows][~lit], covered[~lit] = 0, np.inf
+            covered = np.where(lit[rows], self.total[rows, :, SHARE], np.inf)
             for to, of in enumerate(colours):
                 np.divide(self.total[rows, :, of], covered, out=picture[rows, :, to])
-        return picture, self.arrived
+        return picture, lit
 
 
 @dataclasses.dataclass(frozen=True)

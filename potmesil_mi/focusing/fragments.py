@@ -84,9 +84,31 @@ class Fragments:
         values = ((field.name, getattr(self, field.name)) for field in dataclasses.fields(self))
         return {name: value for name, value in values if isinstance(value, np.ndarray)}
 
-    def chosen(self, mask: np.ndarray) -> Fragments:
-        """The fragments of which ``mask``, bool (N,), is true."""
-        return dataclasses.replace(self, **{k: v[mask] for k, v in self._columns().items()})
+    def chosen(self, which: np.ndarray) -> Fragments:
+        """The fragments of which ``which``, bool (N,), is true; or those of its indices, (n,)."""
+        return dataclasses.replace(self, **{k: v[which] for k, v in self._columns().items()})
+
+    def and_others(self, *others: Fragments) -> Fragments:
+        """These, then ``others`` of the same raster and bins; not in their order."""
+        columns: dict[str, Any] = {
+            name: np.concatenate([column, *(getattr(other, name) for other in others)])
+            for name, column in self._columns().items()
+        }
+        return dataclasses.replace(self, **columns)
+
+    def in_order(self) -> Fragments:
+        """The fragments in their order, with columns of their types."""
+        keys = self.bin.astype(np.int64) * (self.height * self.width) + self.subpixel
+        order = np.argsort(keys, kind="stable")
+        return dataclasses.replace(
+            self,
+            x=self.x[order].astype(np.int32),
+            y=self.y[order].astype(np.int32),
+            vergence=self.vergence[order].astype(np.float32),
+            values=np.ascontiguousarray(self.values[order], dtype=np.float32),
+            gap_in_front=self.gap_in_front[order].astype(np.float32),
+            bin=self.bin[order].astype(np.int32),
+        )
 
     def between(self, first: int, end: int) -> slice:
         """The fragments of the bins from ``first`` on that come before bin ``end``."""
@@ -118,11 +140,7 @@ class Fragments:
                 for there, end in zip(subpixels, last, strict=True)
             )
             parts.append(self._regathered(factor, x, y, share)[0])
-        names = ("x", "y", "vergence", "values", "gap_in_front", "bin")
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(p, name) for p in parts]) for name in names
-        }
-        together = dataclasses.replace(parts[0], **columns)
+        together = parts[0].and_others(*parts[1:])
         return together._regathered(1, together.x, together.y)[0]
 
     def _regathered(
@@ -144,21 +162,19 @@ class Fragments:
             return np.bincount(index, weight * column, len(keys)) / total
 
         light = [np.bincount(index, column, len(keys)) for column in values.T]
-        coarse = _ordered(
-            Fragments(
-                width,
-                height,
-                keys % width,
-                keys // width % height,
-                mean(self.vergence),
-                np.stack(light, axis=1) / factor**2,
-                mean(self.gap_in_front),
-                keys // (width * height),
-                self.vergence_min,
-                self.bin_width * factor,
-            )
+        coarse = Fragments(
+            width,
+            height,
+            keys % width,
+            keys // width % height,
+            mean(self.vergence),
+            np.stack(light, axis=1) / factor**2,
+            mean(self.gap_in_front),
+            keys // (width * height),
+            self.vergence_min,
+            self.bin_width * factor,
         )
-        return coarse, index
+        return coarse.in_order(), index
 
     @functools.cached_property
     def on_device(self) -> FragmentColumns:
@@ -241,20 +257,19 @@ def gather(
     gap = np.zeros(len(vergence))
     first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
     gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    return _ordered(
-        Fragments(
-            raster.width,
-            raster.height,
-            place % raster.width,
-            place // raster.width,
-            vergence,
-            np.stack(sums if alpha else sums[:-1], axis=1),
-            gap,
-            np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
-            bins.vergence_min,
-            bins.width,
-        )
+    found = Fragments(
+        raster.width,
+        raster.height,
+        place % raster.width,
+        place // raster.width,
+        vergence,
+        np.stack(sums if alpha else sums[:-1], axis=1),
+        gap,
+        np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
+        bins.vergence_min,
+        bins.width,
     )
+    return found.in_order()
 
 
 def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
@@ -399,18 +414,3 @@ def _sorted_sums(
     ]
     place_and_layer = keys // (MAX_BINS + 1)
     return place_and_layer // 256, place_and_layer % 256, sums
-
-
-def _ordered(fragments: Fragments) -> Fragments:
-    """The fragments in their order, with columns of their types."""
-    place = fragments.y * fragments.width + fragments.x
-    order = np.argsort(fragments.bin * (fragments.height * fragments.width) + place, kind="stable")
-    return dataclasses.replace(
-        fragments,
-        x=fragments.x[order].astype(np.int32),
-        y=fragments.y[order].astype(np.int32),
-        vergence=fragments.vergence[order].astype(np.float32),
-        values=np.ascontiguousarray(fragments.values[order], dtype=np.float32),
-        gap_in_front=fragments.gap_in_front[order].astype(np.float32),
-        bin=fragments.bin[order].astype(np.int32),
-    )

@@ -15,10 +15,12 @@ import numpy as np
 from .. import _backend as jit
 from .._progress import track
 from ..optics.psf import aperture_behind
+from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
+from .density import Evened, evened
 from .exposure import Exposure
-from .fragments import Fragments, gather, with_offsets
+from .fragments import gather, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
 from .memo import Memo
 from .slices import DepthSlice, Fineness, plan
@@ -51,9 +53,8 @@ class Visibility(NamedTuple):
 def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, np.ndarray]:
     """The picture of the crop window on subpixels, float32 (height, width, 3 or 4).
 
-    Subpixels that no light reaches are 0. Also returns the light that reaches each of them,
-    float32 (height, width), 1 on the average: what it counts in its pixel, since chance puts more
-    samples here than there.
+    Subpixels that no light reaches are 0. Also returns how densely each was sampled, float32
+    (height, width), 1 on the average: what it counts in its pixel.
     """
     aperture = aperture_behind(exposure.psf)
     kept_radius = max(EXACT_KEPT_RADIUS * exposure.subpixels if how.exact else 0, aperture.finest)
@@ -71,7 +72,17 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, n
         compositor.put_behind([_light_of(*each) for each in begun])
         begun = images
     compositor.put_behind([_light_of(*each) for each in begun])
-    return compositor.finished()
+    picture, lit = compositor.finished()
+    return picture, np.where(lit, _cropped(views.density, exposure.crop), 0)
+
+
+def _cropped(density: np.ndarray, crop: Window) -> np.ndarray:
+    """The part of an array of the samples' window that is in the crop; 0 where it is beyond."""
+    window = Window(0, 0, *density.shape[::-1])
+    cropped = np.zeros(crop.shape, density.dtype)
+    shared = crop.intersection(window)
+    cropped[shared.slices_in(crop)] = density[shared.slices_in(window)]
+    return cropped
 
 
 def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
@@ -88,13 +99,16 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
     diffracts = aperture.diffracts
     about = (jit.name(), subpixels, alpha, radius, diffracts)
 
-    def fragments() -> Fragments:
-        found = gather(samples, subpixels, radius, alpha)
-        return with_offsets(found, samples, subpixels) if diffracts else found
+    def fragments() -> Evened:
+        found, density = evened(gather(samples, subpixels, radius, alpha), subpixels)
+        if diffracts:
+            found = with_offsets(found, samples, subpixels)
+        return Evened(found, density)
 
     def views() -> ViewPyramid:
-        known = memo.get(("fragments", about), fragments)
-        return ViewPyramid(LensView.of(known, radius, lens_points, single_points=not diffracts))
+        known, density = memo.get(("fragments", about), fragments)
+        view = LensView.of(known, radius, lens_points, single_points=not diffracts)
+        return ViewPyramid(view, density)
 
     return memo.get(("view", about, lens_points), views)
 

@@ -271,10 +271,14 @@ class LensView:
 
 
 class ViewPyramid:
-    """A view, and coarser ones that are made when they are first asked for."""
+    """A view, and coarser ones that are made when they are first asked for.
 
-    def __init__(self, finest: LensView) -> None:
+    ``density`` is that of the samples, see :func:`potmesil_mi.focusing.density.evened`.
+    """
+
+    def __init__(self, finest: LensView, density: np.ndarray) -> None:
         self._levels = {1: finest}
+        self.density = density
 
     def at(self, factor: int) -> LensView:
         """The view on subpixels, and in bins of depth, ``factor`` times as large."""
@@ -288,7 +292,7 @@ class ViewPyramid:
         finest = self._levels[1]
         views = list(self._levels.values())
         kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
-        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds)))
+        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds))) + self.density.nbytes
 
 
 def _within_rim(

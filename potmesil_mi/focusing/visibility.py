@@ -210,8 +210,6 @@ class _CoverColumns:
     share: jit.Float
     right: jit.Float
     below: jit.Float
-    wide: jit.Float
-    high: jit.Float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,8 +217,7 @@ class _Covers:
     """How much fragments cover, and how far they reach to the right and downwards.
 
     A fragment ends where the next one of its surface begins, so that no gaps open where a lens
-    point sees a slanted surface stretched. Where chance has put no sample in a subpixel, the
-    fragments beside it reach over it.
+    point sees a slanted surface stretched.
 
     ============================  ==========================================================
     Field                         Meaning
@@ -228,15 +225,12 @@ class _Covers:
     ``share``                     float32 (N,), covered part of a subpixel
     ``right``, ``below``          float32 (N,), parallax in subpixels at the fragment's end less
                                   that at its beginning
-    ``wide``, ``high``            float32 (N,), size in subpixels, 1 or 2
     ============================  ==========================================================
     """
 
     share: np.ndarray
     right: np.ndarray
     below: np.ndarray
-    wide: np.ndarray
-    high: np.ndarray
 
     @classmethod
     def of(cls, fragments: Fragments, radius_per_vergence: float) -> _Covers:
@@ -244,22 +238,18 @@ class _Covers:
         height, width = fragments.height, fragments.width
         place = fragments.y.astype(np.int64) * (width + 1) + fragments.x
         parallax = fragments.vergence * np.float32(radius_per_vergence)
-        # A row and a column more: what lies beyond the window is not connected, nor is it empty.
+        # A row and a column more: what lies beyond the window is not connected.
         shape = (height + 1) * (width + 1)
         nearest = np.full(shape, -np.inf, dtype=np.float32)
         farthest = np.full(shape, np.inf, dtype=np.float32)
         np.maximum.at(nearest, place, parallax)
         np.minimum.at(farthest, place, parallax)
-        empty = np.isinf(nearest)
-        empty.reshape(height + 1, width + 1)[:, -1] = False
-        empty.reshape(height + 1, width + 1)[-1] = False
-        ends, sizes = [], []
+        ends = []
         for neighbour in (place + 1, place + width + 1):
             apart = [by_place[neighbour] - parallax for by_place in (nearest, farthest)]
             apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
             ends.append(np.where(np.abs(apart) <= CONNECTED_PARALLAX, apart, np.float32(0)))
-            sizes.append(empty[neighbour].astype(np.float32) + 1)
-        return cls(_coverage(fragments), *ends, *sizes)
+        return cls(_coverage(fragments), *ends)
 
     def chosen(self, mask: np.ndarray) -> _Covers:
         """Those of which ``mask``, bool (N,), is true."""
@@ -342,14 +332,14 @@ class _FromPoint(NamedTuple):
 def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
     """Add to ``covered`` what fragments cover of the subpixels in which the points see them."""
     columns = covers.on_device
-    share, right_end, below_end, wide, high = (
+    share, right_end, below_end = (
         dr.gather(jit.Float, getattr(columns, field.name), seen.fragment)
         for field in dataclasses.fields(columns)
     )
     place = seen.place(frame)
-    end = dr.floor(seen.x + dr.fma(right_end, seen.u, wide))
+    end = dr.floor(dr.fma(right_end, seen.u, seen.x + 1))
     right = end - dr.floor(seen.x) > 1
-    end = dr.floor(seen.y + dr.fma(below_end, seen.v, high))
+    end = dr.floor(dr.fma(below_end, seen.v, seen.y + 1))
     below = end - dr.floor(seen.y) > 1
     down = dr.opaque(jit.UInt32, frame.width)
     for target, active in (

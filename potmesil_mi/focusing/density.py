@@ -1,0 +1,101 @@
+"""Density: chance puts more samples into one subpixel than into another, and none into some.
+
+What a surface covers does not depend on that. So the shares of what the pinhole sees in a subpixel
+are scaled to add up to 1, with its light and with what is hidden there, and a subpixel without a
+sample shows what the nearest one shows. Then coverage and light are counted on the same area. How
+many samples a subpixel had is what it counts in its pixel.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+import scipy.ndimage
+
+from .fragments import SHARE, Fragments
+
+EVEN = 1e-3
+"""Shares of what the pinhole sees in a subpixel may differ by so much from 1."""
+
+BORROWED_DENSITY = 1e-3
+"""What a subpixel without a sample counts in its pixel, where others count 1 on the average."""
+
+
+class Evened(NamedTuple):
+    """Fragments as if each subpixel had its full share of samples, and how many it had.
+
+    ``density``, float32 (height, width), is the share that each subpixel had of the samples of
+    what the pinhole sees: 1 where they are even.
+    """
+
+    fragments: Fragments
+    density: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+        return self.fragments.nbytes + self.density.nbytes
+
+
+def evened(fragments: Fragments, reach: int) -> Evened:
+    """The ``fragments`` as if each subpixel had its full share of samples.
+
+    A subpixel without a sample of what the pinhole sees borrows all fragments of the nearest one
+    that has some, up to ``reach`` rows and columns away; where there is none, density is 0.
+    """
+    height, width = fragments.height, fragments.width
+    subpixel, first = fragments.subpixel, fragments.gap_in_front == 0
+    share = fragments.values[:, SHARE]
+    total = np.bincount(subpixel[first], share[first], height * width)
+    density = total.astype(np.float32).reshape(height, width)
+    if np.abs(density - 1).max() < EVEN:
+        return Evened(fragments, np.ones_like(density))
+    sampled = density > 0
+    fragments = fragments.chosen(sampled.ravel()[subpixel])
+    scale = (1 / total[fragments.subpixel]).astype(np.float32)
+    fragments = dataclasses.replace(fragments, values=fragments.values * scale[:, None])
+    if not sampled.all():
+        places, donors = _nearest(sampled, reach)
+        fragments = _with_copies(fragments, places, donors)
+        density.flat[places] = BORROWED_DENSITY
+    return Evened(fragments, density)
+
+
+def _nearest(sampled: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Subpixels that are not ``sampled``, and for each the nearest one that is; int64 (n,) each.
+
+    Those that are farther than ``reach`` rows or columns from any are left out.
+    """
+    if not sampled.any():
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    nearest = scipy.ndimage.distance_transform_edt(
+        ~sampled, return_distances=False, return_indices=True
+    )
+    places = np.flatnonzero(~sampled)
+    row, column = (axis.ravel()[places].astype(np.int64) for axis in nearest)
+    width = sampled.shape[1]
+    close = np.maximum(abs(row - places // width), abs(column - places % width)) <= reach
+    return places[close], (row * width + column)[close]
+
+
+def _with_copies(fragments: Fragments, places: np.ndarray, donors: np.ndarray) -> Fragments:
+    """Fragments with copies, at the subpixels ``places``, of all those at the ``donors``."""
+    gives = np.zeros(fragments.width * fragments.height, dtype=bool)
+    gives[donors] = True
+    index = np.flatnonzero(gives[fragments.subpixel])
+    given = fragments.subpixel[index]
+    order = np.argsort(given, kind="stable")
+    index, given = index[order], given[order]
+    start, end = (np.searchsorted(given, donors, side=side) for side in ("left", "right"))
+    count = end - start
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    copied = fragments.chosen(index[np.repeat(start, count) + within])
+    to = np.repeat(places, count)
+    copies = dataclasses.replace(
+        copied,
+        x=(to % fragments.width).astype(np.int32),
+        y=(to // fragments.width).astype(np.int32),
+    )
+    return fragments.and_others(copies).in_order()
