@@ -275,10 +275,13 @@ def scene_version(path: Path) -> str:
                 tree.remove(default)
         text = ElementTree.tostring(tree, encoding="unicode")
         digest.update(ElementTree.canonicalize(text, strip_text=True).encode())
+    folders = [path.parent]
+    folders += [path.parent / e.get("value", "") for tree in trees for e in tree.findall("path")]
     for tree in trees:
         for element in tree.iter("string"):
-            file = path.parent / element.get("value", "")
-            if element.get("name") == "filename" and file.is_file():
+            files = (folder / element.get("value", "") for folder in folders)
+            file = next(filter(Path.is_file, files), None)
+            if element.get("name") == "filename" and file is not None:
                 digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
@@ -305,5 +308,5 @@ def strip(root: ElementTree.Element) -> None:
             (sensor, ("f_number", "focus_distance")),
             (film, ("width", "height")),
         ):
-            for child in [c for c in parent if c.get("name") in names or c.tag == "sampler"]:
+            for child in [c for c in parent or () if c.get("name") in names or c.tag == "sampler"]:
                 parent.remove(child)
