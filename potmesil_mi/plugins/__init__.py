@@ -45,7 +45,8 @@ def register() -> None:
     """Register every plugin with the variant that is set."""
     import mitsuba as mi
 
-    _load("wrapper")
+    for shared in ("projective", "wrapper"):
+        _load(shared)
     for name, (kind, class_name) in PLUGINS.items():
         getattr(mi, f"register_{kind}")(name, getattr(_load(name), class_name))
 

@@ -15,6 +15,7 @@ from ..optics.disc import Disc
 from ..optics.image_aperture import ImageAperture
 from ..optics.lens import FILMS, ThinLens
 from ..optics.spectrum import SPECTRUM
+from .projective import CLIPPING, ProjectiveSensor, number_from
 
 DEFAULT_FOCAL_LENGTH = 50.0
 """Focal length in mm where neither that nor a field of view is given."""
@@ -31,12 +32,17 @@ APERTURE_PARAMETERS = {
 """Parameters of apertures: of which, and their names there."""
 
 PROJECTION_PARAMETERS = {
-    "near_clip": 1e-2,
-    "far_clip": 1e4,
+    **CLIPPING,
     "principal_point_offset_x": 0.0,
     "principal_point_offset_y": 0.0,
 }
 """Parameters of the projection and their defaults, as in ``perspective``."""
+
+OPENINGS = ("f_number", "aperture_radius")
+"""Two numbers for one thing: one is given, the other follows from the lens."""
+
+DIFFERENTIABLE = ("x_fov", "principal_point_offset_x", "principal_point_offset_y", "to_world")
+"""Exposed parameters that rays can be differentiated in."""
 
 LENS_DEFAULTS = {
     "focus_distance": math.inf,
@@ -47,7 +53,7 @@ LENS_DEFAULTS = {
 """Parameters of the lens that have a default of their own in a scene, which is one in metres."""
 
 
-class PotmesilSensor(mi.Sensor):
+class PotmesilSensor(ProjectiveSensor):
     r"""Pinhole camera with a lens description (Potmesil & Chakravarty 1981, section 2).
 
     Any integrator sees the pinhole: its rays are those of ``perspective`` with the same field
@@ -128,39 +134,48 @@ class PotmesilSensor(mi.Sensor):
        - |float|, |film|, |sampler|, |spectrum|
        - As in ``perspective``.
 
-    ``mi.traverse`` exposes ``focal_length``, ``f_number`` or ``aperture_radius``,
-    ``focus_distance``, ``frame_width``, ``millimeters_per_unit``, the clipping planes, the
-    principal point and ``to_world``; only the last two are differentiable. In scalar variants
-    Mitsuba cannot set the numbers of a Python plugin. Bad values raise ``ValueError``; after an
-    update of the parameters too. ``ptracer`` needs a sensor that can be sampled from the scene,
-    which this one cannot.
+    ``mi.traverse`` exposes the numbers of the lens, the clipping planes, the principal point and
+    ``to_world``, and as ``thinlens`` does ``aperture_radius`` and ``x_fov``, the horizontal field
+    of view in degrees. ``f_number`` and ``aperture_radius`` are there whichever was given: setting
+    one sets the other, and the one that was given or set last stays as the lens is focused. Setting
+    ``x_fov`` sets ``frame_width``; focal length, aperture and focus stay. Setting both of such a
+    pair to what does not agree is an error.
+
+    ``x_fov``, the principal point and ``to_world`` are differentiable. In scalar variants Mitsuba
+    cannot set the numbers of a Python plugin. Bad values raise ``ValueError``; after an update of
+    the parameters too.
+
+    ``sample_direction`` and ``projection_transform`` are those of ``perspective``, for ``ptracer``
+    and for the projective integrators (``direct_projective``, ``prb_projective``). Where the
+    principal point is off the middle, ``perspective`` gives no importance to a part of its frame;
+    this sensor gives it to all.
     """
+
+    plugin = "potmesil"
+
+    m_lens: ThinLens
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.m_needs_sample_3 = False
-        if not self.id():  # mi.traverse names an object without an id by its address
-            self.set_id("potmesil")
-
         if any(name in props for name in ("origin", "pan", "tilt", "swing")):
             self._place(props)
-        for name, default in PROJECTION_PARAMETERS.items():
-            setattr(self, f"m_{name}", mi.Float(_number(props, name, default)))
-
-        lens = self._lens_from(props)
-        self.m_lens_parameters = [
-            name for name in lens.parameters() if name not in ("film", "aperture")
-        ]
-        for name in self.m_lens_parameters:
-            setattr(self, f"m_{name}", mi.Float(getattr(lens, name)))
-        self.m_lens = lens
+        self._expose(
+            **{name: number_from(props, name, to) for name, to in PROJECTION_PARAMETERS.items()}
+        )
+        self.m_lens = self._lens_from(props)
+        names = self.m_lens.parameters().keys() - {"film", "aperture"}
+        self.m_lens_parameters = sorted(names.union(OPENINGS))
+        self._expose(
+            **{name: getattr(self.m_lens, name) for name in self.m_lens_parameters},
+            x_fov=self.m_lens.fov,
+        )
         self._update()
 
     def _place(self, props: mi.Properties) -> None:
         """``to_world`` from the position and the angles of the paper's camera."""
         if "to_world" in props:
             raise ValueError("to_world: cannot be combined with origin, pan, tilt, swing")
-        angles = [_number(props, angle, 0.0) for angle in ("pan", "tilt", "swing")]
+        angles = [number_from(props, angle, 0.0) for angle in ("pan", "tilt", "swing")]
         origin = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
         if not np.isfinite([*origin, *angles]).all():
             raise ValueError("origin, pan, tilt, swing: must be finite")
@@ -172,16 +187,16 @@ class PotmesilSensor(mi.Sensor):
     def _lens_from(self, props: mi.Properties) -> ThinLens:
         """The lens, with a field of view turned into the millimetres that it stands for."""
         optional = ("focal_length", "frame_width", "f_number", "aperture_radius")
-        numbers = {name: _number(props, name) for name in optional if name in props}
+        numbers = {name: number_from(props, name) for name in optional if name in props}
         for name, default in LENS_DEFAULTS.items():
-            numbers[name] = _number(props, name, default)
+            numbers[name] = number_from(props, name, default)
         film = props.get("image_distance", "focal")
         if film not in FILMS:
             raise ValueError(f"image_distance={film!r}: must be one of {', '.join(FILMS)}")
         aperture = _aperture(props)
         width, height = self.film().size()
         axis = props.get("fov_axis", "x")
-        fov = horizontal_fov(_number(props, "fov", 40.0), axis, width / height)
+        fov = horizontal_fov(number_from(props, "fov", 40.0), axis, width / height)
         if "fov" not in props:
             numbers.setdefault("focal_length", DEFAULT_FOCAL_LENGTH)
             return ThinLens(**numbers, film=film, aperture=aperture)
@@ -191,23 +206,48 @@ class PotmesilSensor(mi.Sensor):
             )
         return ThinLens.of_field_of_view(fov, **numbers, film=film, aperture=aperture)
 
+    def _changed_lens(self) -> ThinLens:
+        """The lens with what has been changed of the exposed numbers.
+
+        Raises ``ValueError`` for two numbers of one thing that do not agree.
+        """
+        numbers = self._changes(self.m_lens_parameters)
+        beside = {}
+        if all(name in numbers for name in OPENINGS):
+            follows = next(name for name in OPENINGS if name not in self.m_lens.parameters())
+            beside[follows] = numbers.pop(follows)
+        lens = self.m_lens.replace(**numbers)
+        fov = self._value("x_fov")
+        if self._differs("x_fov", self.m_lens.fov):
+            if not 0 < fov < 180:
+                raise ValueError(f"x_fov={fov}: must be > 0 and < 180 degrees")
+            if "frame_width" in numbers:
+                beside["x_fov"] = fov
+            else:
+                half = math.tan(math.radians(fov) / 2)
+                lens = lens.replace(frame_width=2 * half * lens.film_distance)
+        for name, told in beside.items():
+            true = lens.fov if name == "x_fov" else getattr(lens, name)
+            if not math.isclose(told, true, rel_tol=1e-5):
+                raise ValueError(
+                    f"{name}={told}: must be {true} beside the other parameters of the lens that "
+                    "have been set, or be left alone"
+                )
+        return lens
+
     def _update(self) -> None:
         """What follows from the parameters: the lens, checked, and the projection."""
-        # Only what was changed is taken from the single-precision parameters.
-        values = {name: _item(getattr(self, f"m_{name}")) for name in self.m_lens_parameters}
-        changes: dict[str, Any] = {
-            name: value
-            for name, value in values.items()
-            if value != _item(mi.Float(getattr(self.m_lens, name)))
-        }
-        self.m_lens = self.m_lens.replace(**changes)
-        near, far = _item(self.m_near_clip), _item(self.m_far_clip)
+        self.m_lens = self._changed_lens()
+        for name in self.m_lens_parameters:
+            self._follow(name, getattr(self.m_lens, name))
+        self._follow("x_fov", self.m_lens.fov)
+        near, far = self.near_clip(), self.far_clip()
         if not 0 < near < math.inf:
             raise ValueError(f"near_clip={near}: must be > 0 and finite")
         if not near < far < math.inf:
             raise ValueError(f"far_clip={far}: must be beyond near_clip={near} and finite")
         for axis in "xy":
-            offset = _item(getattr(self, f"m_principal_point_offset_{axis}"))
+            offset = self._value(f"principal_point_offset_{axis}")
             if not math.isfinite(offset):
                 raise ValueError(f"principal_point_offset_{axis}={offset}: must be finite")
         matrix = self._matrix()
@@ -217,72 +257,42 @@ class PotmesilSensor(mi.Sensor):
 
         film = self.film()
         crop_size = mi.ScalarVector2f(film.crop_size())
-        self.m_sample_to_camera = mi.perspective_projection(
-            film.size(),
-            film.crop_size(),
-            film.crop_offset(),
-            mi.Float(self.m_lens.fov),
-            self.m_near_clip,
-            self.m_far_clip,
-        ).inverse()
+        self._set_projection(
+            mi.perspective_projection(
+                film.size(),
+                film.crop_size(),
+                film.crop_offset(),
+                self.m_x_fov,
+                self.m_near_clip,
+                self.m_far_clip,
+            )
+        )
         self.m_principal_point = mi.Vector2f(
             self.m_principal_point_offset_x * film.size().x / crop_size.x,
             self.m_principal_point_offset_y * film.size().y / crop_size.y,
         )
 
-    def _matrix(self) -> np.ndarray:
-        """The camera-to-world matrix, shape (4, 4)."""
-        return np.array(self.m_to_world.matrix, dtype=np.float64).reshape(4, 4)
-
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Expose the lens, the projection and the placement to ``mi.traverse``."""
         super().traverse(callback)
-        for name in (*self.m_lens_parameters, *PROJECTION_PARAMETERS, "to_world"):
+        for name in (*self.m_lens_parameters, "x_fov", *PROJECTION_PARAMETERS, "to_world"):
             flags = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-            if name not in ("principal_point_offset_x", "principal_point_offset_y", "to_world"):
+            if name not in DIFFERENTIABLE:
                 flags = mi.ParamFlags.NonDifferentiable
             callback.put(name, getattr(self, f"m_{name}"), flags)
 
-    def parameters_changed(self, keys: list[str]) -> None:
-        """Check the parameters again and follow them."""
-        super().parameters_changed(keys)
-        self._update()
-
-    def lens(self) -> ThinLens:
-        """The lens that the parameters describe."""
-        return self.m_lens
-
     def camera(self) -> Camera:
         """The pinhole that takes the samples."""
-        film = self.film()
-        size, crop_offset, crop_size = film.size(), film.crop_offset(), film.crop_size()
-        return Camera(
-            film_size=(int(size.x), int(size.y)),
-            crop_offset=(int(crop_offset.x), int(crop_offset.y)),
-            crop_size=(int(crop_size.x), int(crop_size.y)),
+        return self._camera_of(
             x_fov=self.m_lens.fov,
             to_world=tuple(map(tuple, self._matrix().tolist())),
             near_clip=self.near_clip(),
             far_clip=self.far_clip(),
             principal_point_offset=(
-                _item(self.m_principal_point_offset_x),
-                _item(self.m_principal_point_offset_y),
+                self._value("principal_point_offset_x"),
+                self._value("principal_point_offset_y"),
             ),
-            shutter_open=self.shutter_open(),
-            shutter_close=self.shutter_open() + self.shutter_open_time(),
         )
-
-    def near_clip(self) -> float:
-        """Nearest depth that is rendered, in scene units."""
-        return _item(self.m_near_clip)
-
-    def far_clip(self) -> float:
-        """Farthest depth that is rendered, in scene units."""
-        return _item(self.m_far_clip)
-
-    def focus_distance(self) -> float:
-        """Distance to the focused plane in scene units."""
-        return self.m_lens.focus_distance
 
     def sample_ray(
         self,
@@ -293,9 +303,7 @@ class PotmesilSensor(mi.Sensor):
         active: mi.Bool = True,
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         """A ray through the pinhole; ``sample2`` is the position in the crop window, 0 to 1."""
-        wavelengths, weight = self.sample_wavelengths(
-            dr.zeros(mi.SurfaceInteraction3f), sample1, active
-        )
+        ray, weight = self._ray_of(time, sample1, active)
         position = mi.Point2f(sample2) + self.m_principal_point
         near_point = self.m_sample_to_camera @ mi.Point3f(position.x, position.y, 0)
         direction = dr.normalize(mi.Vector3f(near_point))
@@ -304,22 +312,54 @@ class PotmesilSensor(mi.Sensor):
         inv_z = dr.rcp(direction.z)
         near_t = self.m_near_clip * inv_z
         far_t = self.m_far_clip * inv_z
-        ray = dr.zeros(mi.Ray3f)
-        ray.time = time
-        ray.wavelengths = wavelengths
         ray.d = to_world @ direction
         ray.o = to_world @ mi.Point3f(0, 0, 0) + ray.d * near_t
         ray.maxt = far_t - near_t
         return ray, weight
 
-    def bbox(self) -> mi.BoundingBox3f:
-        """The pinhole's position."""
-        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(self._matrix()[:3, 3]))
+    def sample_direction(
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """The direction from ``it.p`` to the pinhole, and the importance of what is seen there.
+
+        ``uv`` of the direction is the place in pixels of the crop window. Its ``pdf`` is 1 where
+        the point is in the crop window and between the clipping planes, else 0, as its weight.
+        """
+        to_world = self.world_transform()
+        point = to_world.inverse() @ it.p
+        on_film = self.m_camera_to_sample @ point
+        place = mi.Point2f(on_film.x, on_film.y) - self.m_principal_point
+        inside = (place.x >= 0) & (place.x <= 1) & (place.y >= 0) & (place.y <= 1)
+        ahead = (point.z >= self.m_near_clip) & (point.z <= self.m_far_clip)
+        active = active & inside & ahead  # not in place, for the mask is the caller's
+
+        direction = mi.DirectionSample3f()
+        direction.p = to_world @ mi.Point3f(0, 0, 0)
+        direction.n = mi.Normal3f(to_world @ mi.Vector3f(0, 0, 1))
+        direction.uv = place * mi.ScalarVector2f(self.film().crop_size())
+        direction.time = mi.Float(0)
+        direction.delta = mi.Bool(False)
+        direction.dist = dr.maximum(dr.norm(point), 1e-30)  # what is divided by is not 0
+        direction.d = (direction.p - it.p) / direction.dist
+        direction.pdf = dr.select(active, mi.Float(1), mi.Float(0))
+
+        # Importance is even over the window, whose area is taken at distance 1.
+        corners = [self.m_sample_to_camera @ mi.Point3f(c, c, 0) for c in (0, 1)]
+        first, last = (corner / corner.z for corner in corners)
+        area = dr.abs((last.x - first.x) * (last.y - first.y))
+        depth = dr.select(active, point.z, mi.Float(1))
+        importance = direction.dist / (area * depth**3)
+        return direction, mi.Spectrum(dr.select(active, importance, mi.Float(0)))
 
     def to_string(self) -> str:
-        """Text for the log and for ``print``."""
+        """Text for the log and for ``print``.
+
+        It begins with the name of ``perspective``'s class: by that Mitsuba's projective integrators
+        know that they may ask for the projection of a pinhole.
+        """
         return (
-            f"PotmesilSensor[\n  lens = {self.m_lens},\n  x_fov = {self.m_lens.fov},\n"
+            f"PerspectiveCamera[\n  plugin = {self.plugin},\n  lens = {self.m_lens},\n"
+            f"  x_fov = {self.m_lens.fov},\n"
             f"  near_clip = {self.near_clip()},\n  far_clip = {self.far_clip()},\n"
             f"  film = {self.film()},\n  to_world = {self._matrix().tolist()}\n]"
         )
@@ -352,15 +392,3 @@ def _numbers(name: str, text: str) -> tuple[float, ...]:
         return tuple(float(number) for number in text.replace(",", " ").split())
     except ValueError as error:
         raise ValueError(f"{name}={text!r}: must be numbers, or {SPECTRUM}") from error
-
-
-def _number(props: mi.Properties, name: str, default: float | None = None) -> float:
-    value = props[name] if default is None else props.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{name}={value!r}: must be a number")
-    return float(value)
-
-
-def _item(value: Any) -> float:
-    """A one-element Dr.Jit array, or a number in scalar variants, as a Python number."""
-    return float(value if isinstance(value, (int, float)) else value[0])

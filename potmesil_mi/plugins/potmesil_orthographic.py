@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..optics.camera import Camera
 from ..optics.telecentric import TelecentricLens
+from .projective import CLIPPING, ProjectiveSensor, number_from
 
-NUMBERS = {
-    "half_angle": None,
-    "focus_distance": None,
-    "squeeze": 1.0,
-    "near_clip": 1e-2,
-    "far_clip": 1e4,
-}
-"""Parameters that are numbers, and their defaults; those without must be given."""
+LENS_PARAMETERS = {"half_angle": None, "focus_distance": None, "squeeze": 1.0}
+"""Numbers of the lens, and their defaults; those without must be given."""
 
 
-class PotmesilOrthographicSensor(mi.Sensor):
+class PotmesilOrthographicSensor(ProjectiveSensor):
     r"""Orthographic camera with a telecentric lens.
 
     Any integrator sees the rays of ``orthographic`` with the same film and ``to_world``. The
@@ -52,51 +45,41 @@ class PotmesilOrthographicSensor(mi.Sensor):
        - |float|, |film|, |sampler|, |spectrum|
        - As in ``orthographic``.
 
-    Bad values raise ``ValueError`` or ``TypeError``; after an update of the parameters too.
+    ``mi.traverse`` exposes the numbers of the lens, the clipping planes and ``to_world``, of which
+    the last is differentiable. Bad values raise ``ValueError`` or ``TypeError``; after an update of
+    the parameters too.
     """
+
+    plugin = "potmesil_orthographic"
+
+    m_lens: TelecentricLens
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.m_needs_sample_3 = False
-        if not self.id():  # mi.traverse names an object without an id by its address
-            self.set_id("potmesil_orthographic")
-        values: dict[str, Any] = {}
-        for name, default in NUMBERS.items():
+        for name, default in LENS_PARAMETERS.items():
             if default is None and name not in props:
-                raise ValueError(f"{name}: must be given for potmesil_orthographic")
-            value = props.get(name, default)
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise TypeError(f"{name}={value!r}: must be a number")
-            values[name] = float(value)
-        for name, value in values.items():
-            setattr(self, f"m_{name}", mi.Float(value))
-        lens = {name: values[name] for name in ("half_angle", "focus_distance", "squeeze")}
+                raise ValueError(f"{name}: must be given for {self.plugin}")
+        lens = {name: number_from(props, name, to) for name, to in LENS_PARAMETERS.items()}
+        self._expose(
+            **lens, **{name: number_from(props, name, to) for name, to in CLIPPING.items()}
+        )
         self.m_lens = TelecentricLens(**lens, aperture=props.get("aperture", "disc"))
         self._update()
 
     def _update(self) -> None:
-        """What follows from the parameters: the lens, the camera, and the sensor of the rays."""
-        # Only what was changed is taken from the single-precision parameters.
-        changes: dict[str, Any] = {}
-        for name in ("half_angle", "focus_distance", "squeeze"):
-            value = _item(getattr(self, f"m_{name}"))
-            if value != _item(mi.Float(getattr(self.m_lens, name))):
-                changes[name] = value
-        self.m_lens = self.m_lens.replace(**changes)
+        """What follows from the parameters: the lens, the camera, and the projection."""
+        self.m_lens = self.m_lens.replace(**self._changes(LENS_PARAMETERS))
         self.m_camera = self._camera()
-        self.m_parallel = mi.load_dict(
-            {
-                "type": "orthographic",
-                "film": self.film(),
-                "to_world": mi.ScalarTransform4f(self._matrix()),
-                "near_clip": self.near_clip(),
-                "far_clip": self.far_clip(),
-            }
+        film = self.film()
+        self._set_projection(
+            mi.orthographic_projection(
+                film.size(),
+                film.crop_size(),
+                film.crop_offset(),
+                self.m_near_clip,
+                self.m_far_clip,
+            )
         )
-
-    def _matrix(self) -> np.ndarray:
-        """The camera-to-world matrix with its scale, shape (4, 4)."""
-        return np.array(self.world_transform().matrix, dtype=np.float64).reshape(4, 4)
 
     def _camera(self) -> Camera:
         """The camera, whose ``to_world`` does not scale."""
@@ -111,20 +94,13 @@ class PotmesilOrthographicSensor(mi.Sensor):
         matrix[:3, :3] /= scale
         if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3), atol=1e-3):
             raise ValueError("to_world: must not shear")
-        film = self.film()
-        size, crop_offset, crop_size = film.size(), film.crop_offset(), film.crop_size()
         near = self.near_clip() * float(scale[2])
-        return Camera(
-            film_size=(int(size.x), int(size.y)),
-            crop_offset=(int(crop_offset.x), int(crop_offset.y)),
-            crop_size=(int(crop_size.x), int(crop_size.y)),
+        return self._camera_of(
             x_fov=0.0,
             to_world=tuple(map(tuple, matrix.tolist())),
             near_clip=near,
             # The near plane is scaled with the axis, and a ray's length is not.
             far_clip=near + (self.far_clip() - self.near_clip()),
-            shutter_open=self.shutter_open(),
-            shutter_close=self.shutter_open() + self.shutter_open_time(),
             projection="orthographic",
             film_width=2 * float(scale[0]),
         )
@@ -132,34 +108,14 @@ class PotmesilOrthographicSensor(mi.Sensor):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Expose the lens, the clipping planes and the placement to ``mi.traverse``."""
         super().traverse(callback)
-        for name in NUMBERS:
+        for name in (*LENS_PARAMETERS, *CLIPPING):
             callback.put(name, getattr(self, f"m_{name}"), mi.ParamFlags.NonDifferentiable)
-        callback.put("to_world", self.m_to_world, mi.ParamFlags.NonDifferentiable)
-
-    def parameters_changed(self, keys: list[str]) -> None:
-        """Check the parameters again and follow them."""
-        super().parameters_changed(keys)
-        self._update()
-
-    def lens(self) -> TelecentricLens:
-        """The lens that the parameters describe."""
-        return self.m_lens
+        flags = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
+        callback.put("to_world", self.m_to_world, flags)
 
     def camera(self) -> Camera:
         """The orthographic camera that takes the samples."""
         return self.m_camera
-
-    def near_clip(self) -> float:
-        """Nearest depth that is rendered, in units of the axis of ``to_world``."""
-        return _item(self.m_near_clip)
-
-    def far_clip(self) -> float:
-        """Farthest depth that is rendered, as ``orthographic`` counts it."""
-        return _item(self.m_far_clip)
-
-    def focus_distance(self) -> float:
-        """Depth of the focused plane in scene units."""
-        return self.m_lens.focus_distance
 
     def sample_ray(
         self,
@@ -170,16 +126,12 @@ class PotmesilOrthographicSensor(mi.Sensor):
         active: mi.Bool = True,
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         """A ray along the axis; ``sample2`` is the position in the crop window, 0 to 1."""
-        wavelengths, weight = self.sample_wavelengths(
-            dr.zeros(mi.SurfaceInteraction3f), sample1, active
-        )
-        ray, _ = self.m_parallel.sample_ray(time, sample1, sample2, sample3, active)
-        ray.wavelengths = wavelengths
+        ray, weight = self._ray_of(time, sample1, active)
+        to_world = self.world_transform()
+        ray.o = to_world @ (self.m_sample_to_camera @ mi.Point3f(sample2.x, sample2.y, 0))
+        ray.d = dr.normalize(to_world @ mi.Vector3f(0, 0, 1))
+        ray.maxt = self.m_far_clip - self.m_near_clip
         return ray, weight
-
-    def bbox(self) -> mi.BoundingBox3f:
-        """That of ``orthographic``: none."""
-        return mi.ScalarBoundingBox3f()
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
@@ -188,8 +140,3 @@ class PotmesilOrthographicSensor(mi.Sensor):
             f"  near_clip = {self.near_clip()},\n  far_clip = {self.far_clip()},\n"
             f"  film = {self.film()},\n  to_world = {self._matrix().tolist()}\n]"
         )
-
-
-def _item(value: Any) -> float:
-    """A one-element Dr.Jit array, or a number in scalar variants, as a Python number."""
-    return float(value if isinstance(value, (int, float)) else value[0])

@@ -1,0 +1,161 @@
+"""What the sensors ``potmesil`` and ``potmesil_orthographic`` share: a projection and a lens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..optics.camera import Camera
+from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens
+
+CLIPPING = {"near_clip": 1e-2, "far_clip": 1e4}
+"""Clipping planes and their defaults, as in Mitsuba's projective cameras."""
+
+
+class ProjectiveSensor(mi.Sensor):
+    """A sensor with a projection and a lens, as ``mi.ProjectiveCamera`` has them.
+
+    A class in Python cannot derive from that one. A number that ``mi.traverse`` exposes is an
+    attribute ``m_NAME``, a ``mi.Float`` of one element. The lens is what counts: where a number
+    differs from the lens's, it has been changed.
+    """
+
+    plugin: str
+    """The name under which Mitsuba knows it."""
+
+    m_lens: ThinLens | TelecentricLens
+    m_to_world: Any
+    m_camera_to_sample: Any
+    """From camera space to the crop window, 0 to 1, and from there back; set by subclasses."""
+    m_sample_to_camera: Any
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.m_needs_sample_3 = False
+        if not self.id():  # mi.traverse names an object without an id by its address
+            self.set_id(self.plugin)
+
+    def _expose(self, **numbers: float) -> None:
+        """Make ``mi.Float`` of the numbers that ``mi.traverse`` is to find."""
+        for name, number in numbers.items():
+            setattr(self, f"m_{name}", mi.Float(number))
+
+    def _value(self, name: str) -> float:
+        """The exposed number."""
+        return item(getattr(self, f"m_{name}"))
+
+    def _differs(self, name: str, number: float) -> bool:
+        """Whether the exposed number is another one, in single precision."""
+        return self._value(name) != item(mi.Float(number))
+
+    def _changes(self, names: Iterable[str]) -> dict[str, Any]:
+        """Those of the exposed numbers that are not the lens's, which stay exact otherwise."""
+        return {
+            name: self._value(name)
+            for name in names
+            if self._differs(name, getattr(self.m_lens, name))
+        }
+
+    def _follow(self, name: str, number: float) -> None:
+        """Let the exposed number be this one, in place: whoever has traversed the sensor holds it.
+
+        In scalar variants, where numbers are no objects, there is nothing to follow.
+        """
+        if self._differs(name, number):
+            mi.set_property(getattr(self, f"m_{name}"), mi.Float(number))
+
+    def _update(self) -> None:
+        """Check the parameters, and set what follows from them."""
+        raise NotImplementedError
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        """Check the parameters again and follow them."""
+        super().parameters_changed(keys)
+        if not keys or "to_world" in keys:
+            self.m_to_world = self.m_to_world.update()  # its inverse, if the matrix alone was set
+        self._update()
+
+    def _set_projection(self, camera_to_sample: Any) -> None:
+        """Take the projection from camera space to the crop window, and its inverse."""
+        self.m_camera_to_sample = mi.ProjectiveTransform4f(camera_to_sample.matrix)
+        self.m_sample_to_camera = self.m_camera_to_sample.inverse()
+        # Variables and no literals, so that one kernel serves every field of view.
+        dr.make_opaque(self.m_camera_to_sample, self.m_sample_to_camera)
+
+    def projection_transform(self) -> Any:
+        """Camera space to the crop window, 0 to 1, with z 0 on the near plane and 1 on the far.
+
+        The principal point is not in it, as it is not in that of ``perspective``.
+        """
+        return self.m_camera_to_sample
+
+    def lens(self) -> ThinLens | TelecentricLens:
+        """The lens that the parameters describe."""
+        return self.m_lens
+
+    def near_clip(self) -> float:
+        """Nearest depth that is rendered, in units of the axis of ``to_world``."""
+        return self._value("near_clip")
+
+    def far_clip(self) -> float:
+        """Farthest depth that is rendered, in units of the axis of ``to_world``."""
+        return self._value("far_clip")
+
+    def focus_distance(self) -> float:
+        """Depth of the focused plane in scene units."""
+        return float(self.m_lens.focus_distance)
+
+    def _matrix(self) -> np.ndarray:
+        """The camera-to-world matrix with its scale, shape (4, 4)."""
+        return np.array(self.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+
+    def _camera_of(self, **fields: Any) -> Camera:
+        """The camera with the sensor's film and shutter, and with ``fields``."""
+        film = self.film()
+        size, crop_offset, crop_size = film.size(), film.crop_offset(), film.crop_size()
+        return Camera(
+            film_size=(int(size.x), int(size.y)),
+            crop_offset=(int(crop_offset.x), int(crop_offset.y)),
+            crop_size=(int(crop_size.x), int(crop_size.y)),
+            shutter_open=self.shutter_open(),
+            shutter_close=self.shutter_open() + self.shutter_open_time(),
+            **fields,
+        )
+
+    def _ray_of(
+        self, time: mi.Float, sample1: mi.Float, active: mi.Bool
+    ) -> tuple[Any, mi.Spectrum]:
+        """A ray of zeros with this time and the wavelengths that ``sample1`` gives; its weight."""
+        ray = dr.zeros(mi.Ray3f)
+        ray.time = time
+        ray.wavelengths, weight = self.sample_wavelengths(
+            dr.zeros(mi.SurfaceInteraction3f), sample1, active
+        )
+        return ray, weight
+
+    def bbox(self) -> mi.BoundingBox3f:
+        """The position of the camera."""
+        # A scalar variant, where no other has been set, has the type under its plain name alone.
+        box = getattr(mi, "ScalarBoundingBox3f", mi.BoundingBox3f)
+        return box(mi.ScalarPoint3f(self._matrix()[:3, 3]))
+
+
+def number_from(props: mi.Properties, name: str, default: float | None = None) -> float:
+    """A parameter that must be a number; without a default it must be given.
+
+    Raises ``TypeError`` for anything else.
+    """
+    value = props[name] if default is None else props.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{name}={value!r}: must be a number")
+    return float(value)
+
+
+def item(value: Any) -> float:
+    """A one-element Dr.Jit array, or a number in scalar variants, as a Python number."""
+    return float(value if isinstance(value, (int, float)) else value[0])
