@@ -183,7 +183,13 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
     """The scene, and its sensor with the lens of the options."""
     import mitsuba as mi
 
-    from ..tracing.sensor import has_lens, is_orthographic, pick_sensor, potmesil_sensor
+    from ..tracing.sensor import (
+        has_lens,
+        is_orthographic,
+        pick_sensor,
+        potmesil_sensor,
+        stated_focus_distance,
+    )
 
     set_variant(options.variant)
     # Optimised loading merges meshes of one material, and with them their ids and names.
@@ -193,8 +199,8 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
     sensor = pick_sensor(scene, options.sensor)
     lens = given_lens(options)
     if is_orthographic(sensor):
-        needed = [name for name in ("half_angle", "focus_distance") if name not in lens]
-        if needed and not has_lens(sensor):
+        told = "focus_distance" in lens or stated_focus_distance(sensor) is not None
+        if not (has_lens(sensor) or (told and "half_angle" in lens)):
             raise ValueError(
                 f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
                 "--half-angle and --focus-distance"

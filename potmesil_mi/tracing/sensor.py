@@ -59,10 +59,12 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sen
     A ``potmesil`` sensor keeps its other parameters. A ``thinlens`` keeps its field of view,
     aperture and focus; a ``perspective`` its field of view, with an f-number of ``inf`` unless
     one is given; both are taken as scenes in metres (``millimeters_per_unit`` 1000) on a frame
-    36 mm wide. An ``orthographic`` becomes a ``potmesil_orthographic``, and ``lens`` are parameters
-    of :class:`potmesil_mi.TelecentricLens`, of which ``half_angle`` and ``focus_distance`` must be
-    given. A sensor's own ``srf`` is lost, for Mitsuba does not tell it. Raises ``TypeError``
-    for any other sensor, ``ValueError`` for bad parameters.
+    36 mm wide, or less where a pinhole or an aperture radius has a nearer focus. An
+    ``orthographic`` becomes a ``potmesil_orthographic``, and ``lens`` are parameters of
+    :class:`potmesil_mi.TelecentricLens`, of which ``half_angle`` and ``focus_distance`` must be
+    given. A ``perspective`` or ``orthographic`` that states a ``focus_distance`` keeps it. A
+    sensor's own ``srf`` is lost, for Mitsuba does not tell it. Raises ``TypeError`` for any other
+    sensor, ``ValueError`` for bad parameters.
     """
     if is_orthographic(sensor):
         return _orthographic_sensor(sensor, lens)
@@ -82,7 +84,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sen
                 f"sensor: must be a potmesil, perspective, thinlens or orthographic sensor, not "
                 f"{sensor.class_name()}"
             )
-        thin_lens = _lens_of(parameters, lens)
+        thin_lens = _lens_of(sensor, parameters, lens)
         to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
         clip = {name: float(parameters[name]) for name in ("near_clip", "far_clip")}
         offset = (
@@ -116,6 +118,18 @@ def is_orthographic(sensor: mi.Sensor) -> bool:
     return bool(sensor.class_name() == "OrthographicCamera")
 
 
+def stated_focus_distance(sensor: mi.Sensor) -> float | None:
+    """The ``focus_distance`` that a built-in sensor states, in scene units; ``None`` for none.
+
+    Mitsuba's projective cameras keep one without using it. It is the far clipping plane where a
+    scene says nothing. One that is not positive means nothing either.
+    """
+    if not isinstance(sensor, mi.ProjectiveCamera):
+        return None
+    distance = float(np.array(sensor.focus_distance()).item())
+    return distance if distance > 0 and distance != sensor.far_clip() else None
+
+
 def with_lens(sensor: mi.Sensor, lens: TelecentricLens | None) -> mi.Sensor:
     """A sensor as :func:`potmesil_sensor` gives it, with ``lens`` in the place of its own.
 
@@ -147,8 +161,11 @@ def _orthographic_sensor(sensor: mi.Sensor, lens: Mapping[str, Any]) -> mi.Senso
         own: Any = sensor.lens()
         telecentric = own.replace(**changes)
     else:
+        stated = stated_focus_distance(sensor)
+        if stated is not None:
+            changes = {"focus_distance": stated, **lens}
         for name in ("half_angle", "focus_distance"):
-            if name not in lens:
+            if name not in changes:
                 raise TypeError(
                     f"sensor: an orthographic one has no lens, for which {name} must be given; "
                     "see TelecentricLens"
@@ -186,7 +203,9 @@ def sensor_parameters(lens: ThinLens) -> dict[str, Any]:
     return parameters
 
 
-def _lens_of(parameters: mi.SceneParameters, lens: Mapping[str, Any]) -> ThinLens:
+def _lens_of(
+    sensor: mi.Sensor, parameters: mi.SceneParameters, lens: Mapping[str, Any]
+) -> ThinLens:
     """The lens of a built-in sensor, of which ``lens`` replaces some parameters."""
     known: dict[str, Any] = {"millimeters_per_unit": 1000.0}
     if "aperture_radius" in parameters:
@@ -194,16 +213,22 @@ def _lens_of(parameters: mi.SceneParameters, lens: Mapping[str, Any]) -> ThinLen
         known["focus_distance"] = _item(parameters, "focus_distance")
     else:
         known["f_number"] = math.inf
+        stated = stated_focus_distance(sensor)
+        if stated is not None:
+            known["focus_distance"] = stated
     if not lens.keys().isdisjoint({"f_number", "aperture_radius"}):
         known.pop("f_number", None)
         known.pop("aperture_radius", None)
     known.update(lens)
     fov = _item(parameters, "x_fov")
-    if "aperture_radius" in known and known.keys().isdisjoint({"focal_length", "frame_width"}):
+    in_units = "aperture_radius" in known or known.get("f_number") == math.inf
+    if in_units and known.keys().isdisjoint({"focal_length", "frame_width"}):
         # Field of view, aperture and focus make the picture. The frame must only be so narrow that
         # the focal length is less than the focus, which may be millimetres in a small scene.
         focused = known.get("focus_distance", math.inf) * known["millimeters_per_unit"]
-        known["frame_width"] = min(FULL_FRAME_WIDTH, math.tan(math.radians(fov) / 2) * focused)
+        narrow = math.tan(math.radians(fov) / 2) * focused
+        if 0 < narrow < FULL_FRAME_WIDTH:
+            known["frame_width"] = narrow
     return ThinLens.of_field_of_view(fov, **known)
 
 

@@ -9,7 +9,7 @@ from potmesil_mi.cli import main
 
 SCENE = """<scene version="3.0.0">
   <integrator type="direct"/>
-  <sensor type="{sensor}">
+  <sensor type="{sensor}">{more}
     <film type="hdrfilm">
       <integer name="width" value="16"/><integer name="height" value="16"/>
     </film>
@@ -24,9 +24,9 @@ SCENE = """<scene version="3.0.0">
 
 @pytest.fixture
 def scene(tmp_path):
-    def written(sensor="orthographic"):
+    def written(sensor="orthographic", more=""):
         path = tmp_path / f"{sensor}.xml"
-        path.write_text(SCENE.format(sensor=sensor), encoding="utf-8")
+        path.write_text(SCENE.format(sensor=sensor, more=more), encoding="utf-8")
         return str(path)
 
     return written
@@ -41,6 +41,14 @@ def test_an_orthographic_scene_is_rendered_and_focused_anew(scene, tmp_path):
     first, second = (np.array(mi.Bitmap(path)) for path in (picture, again))
     assert first.shape[:2] == second.shape[:2] == (16, 16)
     assert np.abs(first[..., :3] - second[..., :3]).max() > 1e-4
+
+
+def test_the_focus_that_an_orthographic_scene_states_need_not_be_told(scene, tmp_path):
+    stated = scene(more='<float name="focus_distance" value="2"/>')
+    samples = str(tmp_path / "s.exr")
+    told = ["--half-angle", "5", "-o", str(tmp_path / "a.exr"), "--samples", samples]
+    assert main(["render", stated, *told]) == 0
+    assert pm.PointSamples.load(samples).lens == pm.TelecentricLens(5.0, 2.0)
 
 
 @pytest.mark.parametrize(
