@@ -13,9 +13,13 @@ import importlib
 import sys
 import threading
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from . import _llvm
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     from drjit.llvm.ad import (
@@ -41,6 +45,7 @@ __all__ = [
     "UInt8",
     "UInt32",
     "evaluates_alone",
+    "from_numpy",
     "name",
     "require_vectorised_variant",
 ]
@@ -50,6 +55,21 @@ def __getattr__(attribute: str) -> Any:
     if attribute not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {attribute!r}")
     return getattr(_arrays(variant()), attribute)
+
+
+def from_numpy(kind: type[T], column: np.ndarray) -> T:
+    """``column``, (N,), as a Dr.Jit array of type ``kind``, in memory of Dr.Jit's own.
+
+    Dr.Jit would use NumPy's memory, and compile each kernel for how that happens to be aligned:
+    seconds, again and again, for the same work.
+    """
+    import drjit as dr
+
+    if dr.backend_v(kind) != dr.JitBackend.LLVM or len(column) == 0:
+        return kind(column)
+    result = dr.empty(kind, len(column))
+    np.asarray(result)[:] = column
+    return result
 
 
 IDLE_LIBRARIES = ("ipykernel", "IPython", "rich", "tqdm")

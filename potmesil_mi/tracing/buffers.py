@@ -54,8 +54,8 @@ class Shown:
             surface=_empty(mi.UInt32, count),
         )
 
-    def __getitem__(self, rays: np.ndarray) -> Shown:
-        """Some of the rays, by their numbers or by a mask."""
+    def __getitem__(self, rays: np.ndarray | slice) -> Shown:
+        """Some of the rays, by their numbers, a mask or a slice."""
         return Shown(self.rgb[rays], self.alpha[rays], self.z[rays], self.surface[rays])
 
     def followed_by(self, other: Shown) -> Shown:
@@ -120,7 +120,12 @@ class SampleBuffer:
         )
 
     def add(
-        self, x: np.ndarray, y: np.ndarray, shown: Shown, weight: np.ndarray | float, layer: int
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        shown: Shown,
+        weight: np.ndarray | float,
+        layer: np.ndarray | int,
     ) -> None:
         """Put samples of one depth layer behind those that there are.
 

@@ -21,13 +21,14 @@ from ..samples.columns import COLUMNS
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .disocclusion import overscan
+from .lens_rays import LensRays
 from .passes import Passes
-from .patterns import sample_visible
-from .peeling import Peeling, may_hide
+from .patterns import VisibleSamples, sample_visible
+from .peeling import add_hidden, may_hide
 from .rays import PrimaryRays
 from .sampling import Sampling
 from .sensor import pick_sensor, with_lens
-from .shapes import closed_shapes, surface_ids
+from .shapes import surface_ids
 from .virtual_depth import has_specular
 
 PROBES = 512
@@ -114,13 +115,7 @@ def _sampled(
     window = _window(rays, sampling.overscan, widest)
     visible = sample_visible(rays, window, sampling)
     if sampling.layers > 1:
-        first, camera = visible.buffer.columns(), sensor.camera()
-        if isinstance(widest, TelecentricLens):
-            picture = as_thin_lens(first.z, widest, camera)
-            first = dataclasses.replace(first, z=picture.depth(first.z))
-            widest, camera = picture.lens, picture.camera
-        chosen = may_hide(first, visible.group, window, widest, camera)
-        Peeling(rays, closed_shapes(scene)).add_hidden(visible, chosen, sampling.layers)
+        _add_hidden(rays, visible, window, widest, sampling.layers)
     columns = visible.buffer.columns()
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
@@ -130,6 +125,26 @@ def _sampled(
         lattice=visible.lattice,
         window=window,
     )
+
+
+def _add_hidden(
+    rays: PrimaryRays,
+    visible: VisibleSamples,
+    window: Window,
+    widest: ThinLens | TelecentricLens,
+    layers: int,
+) -> None:
+    """Add what the widest lens sees behind ``visible``."""
+    first, camera, lens = visible.buffer.columns(), rays.sensor.camera(), widest
+    if isinstance(lens, TelecentricLens):
+        picture = as_thin_lens(first.z, lens, camera)
+        first = dataclasses.replace(first, z=picture.depth(first.z))
+        lens, camera = picture.lens, picture.camera
+    chosen = may_hide(first, window, lens, camera)
+    if len(chosen) > 0:
+        paths = 1 if visible.lattice == 0 else rays.passes.spp
+        lens_rays = LensRays.of(rays, widest, float(visible.buffer.columns().z.min()))
+        add_hidden(visible.buffer, chosen, rays, lens_rays, layers, paths)
 
 
 def _crop_window(film: mi.Film) -> Window:

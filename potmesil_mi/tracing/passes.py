@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._backend import from_numpy
 from .._progress import track
 from .buffers import Shown, Traced, to_host
 
@@ -43,26 +44,36 @@ class Passes:
         self,
         x: np.ndarray,
         y: np.ndarray,
-        trace: Callable[[mi.Point2f], Traced],
+        trace: Callable[..., Traced],
         label: str,
+        *columns: np.ndarray,
+        paths: int | None = None,
     ) -> Shown:
-        """What ``trace`` shows at (x, y), each the mean of ``spp`` paths.
+        """What ``trace`` shows at (x, y), each the mean of ``paths``, by default ``spp``.
 
-        ``x`` and ``y`` are float32 (N,) in pixels of the film; ``label`` is said of the progress.
+        ``x``, ``y`` are float32 (N,) in pixels of the film. ``columns`` are more of each sample,
+        (N,): ``trace`` is called with the positions of the paths and then these, for each path.
+        ``label`` is said of the progress.
         """
+        paths = self.spp if paths is None else paths
         shown = Shown.empty(len(x))
-        for part in track(wavefronts(len(x), self.spp), label):
-            rays = (part.stop - part.start) * self.spp
-            self.begin(rays)
-            point = dr.arange(mi.UInt32, rays)
-            point //= dr.opaque(mi.UInt32, self.spp)
-            position = mi.Point2f(
-                dr.gather(mi.Float, mi.Float(x[part]), point),
-                dr.gather(mi.Float, mi.Float(y[part]), point),
-            )
-            paths, _ = to_host(trace(position))
-            shown.put(part, paths.averaged(self.spp))
+        for part in track(wavefronts(len(x), paths), label):
+            count = part.stop - part.start
+            # The sampler wants whole pixels.
+            lanes = -(-count * paths // self.spp) * self.spp
+            self.begin(lanes)
+            sample = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, paths)
+            sample = dr.minimum(sample, dr.opaque(mi.UInt32, count - 1))
+            of_x, of_y, *more = (_gathered(column[part], sample) for column in (x, y, *columns))
+            every, _ = to_host(trace(mi.Point2f(of_x, of_y), *more))
+            shown.put(part, every[: count * paths].averaged(paths))
         return shown
+
+
+def _gathered(column: np.ndarray, index: mi.UInt32) -> mi.Float | mi.UInt32:
+    """Elements of a column, float32 or uint32, on the device."""
+    kind = mi.UInt32 if column.dtype == np.uint32 else mi.Float
+    return dr.gather(kind, from_numpy(kind, column), index)
 
 
 def wavefronts(count: int, rays: int) -> list[slice]:

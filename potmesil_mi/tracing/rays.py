@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from ..samples.raster import Window
 from .buffers import Traced
+from .clearance import ray_from
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
@@ -51,7 +52,7 @@ class PrimaryRays:
         """
         ray, ray_weight = self.sampled(position)
         visible = self.visible(mi.Ray3f(ray))
-        return self.shaded(ray, ray_weight, visible.depth, visible.hit, mi.Bool(True))
+        return self.shaded(ray, ray_weight, visible.depth, self.surface_of(visible.hit))
 
     def sampled(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """The ray through ``position`` and its weight; the sampler gives time and wavelengths."""
@@ -75,11 +76,11 @@ class PrimaryRays:
         return ray, weight
 
     def visible(self, ray: mi.Ray3f) -> Visible:
-        """What a primary ray shows first: in a mirror or behind a pane, if these are followed."""
-        return self.visible_at(ray, self._first_hit(ray))
+        """What a primary ray shows first: in a mirror or behind a pane, if these are followed.
 
-    def visible_at(self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f) -> Visible:
-        """What ``hit`` of a primary ray shows: the image in it, if that is a mirror or a pane."""
+        The ray may begin behind what is nearer.
+        """
+        hit = self._first_hit(ray)
         if not self.follows_mirrors:
             return Visible(self.depth(hit), hit, mi.Bool(False))
         to_world = self.sensor.world_transform()
@@ -101,31 +102,34 @@ class PrimaryRays:
             depth = (to_world.inverse() @ hit.p).z
         return dr.select(hit.is_valid(), depth, dr.inf)
 
+    def surface_of(self, hit: mi.SurfaceInteraction3f) -> mi.UInt32:
+        """The id of what was hit; 0 where nothing was."""
+        return dr.gather(mi.UInt32, self.surfaces, registry_index(hit), hit.is_valid())
+
     def shaded(
         self,
         ray: mi.RayDifferential3f,
         ray_weight: mi.Spectrum,
         depth: mi.Float,
-        hit: mi.SurfaceInteraction3f,
-        active: mi.Bool,
+        surface: mi.UInt32,
     ) -> Traced:
-        """Radiance along ``ray``, with ``depth`` and the surface of ``hit``, which it shows."""
+        """Radiance along ``ray``, with ``depth`` and ``surface`` of what it shows."""
         radiance, valid, _ = mi.SamplingIntegrator.sample(
             self.integrator,
             self.scene,
             self.passes.sampler,
             ray,
             self.sensor.get_medium(),
-            active,
+            mi.Bool(True),
         )
         return Traced(
             rgb=_to_rgb(radiance * ray_weight, ray.wavelengths),
             alpha=dr.select(valid, mi.Float(1), mi.Float(0)),
             z=depth,
-            surface=dr.gather(mi.UInt32, self.surfaces, registry_index(hit), hit.is_valid()),
+            surface=surface,
         )
 
-    def is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
+    def _is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
         """Whether the integrator does not show what was hit: a lamp, where it hides lamps."""
         if not self.integrator.hide_emitters:
             return mi.Bool(False)
@@ -138,10 +142,11 @@ class PrimaryRays:
             return hit
 
         def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
-            hit = self.scene.ray_intersect(hit.spawn_ray(ray.d), active)
-            return active & self.is_left_out(hit), hit
+            further = ray_from(hit, ray.d, dr.norm(hit.p - ray.o))
+            hit = self.scene.ray_intersect(further, active)
+            return active & self._is_left_out(hit), hit
 
-        state = (self.is_left_out(hit), hit)
+        state = (self._is_left_out(hit), hit)
         return dr.while_loop(state, lambda active, _: active, step)[1]
 
 

@@ -37,9 +37,9 @@ class Sampling:
                                   B, clipped to [0, 1]; >= 0 (default 25/255, the paper's)
     ``subdivisions``              ``adaptive``: largest number of subdivisions of a pixel,
                                   0 to 8 (default 2)
-    ``layers``                    how many depth layers are sampled, 1 to 16: those behind the
-                                  first only where the lens can see them past the edge of a
-                                  nearer surface (default 2)
+    ``layers``                    most surfaces that are sampled behind each other, 1 to 16
+                                  (default): those behind the first only where some point of
+                                  the lens sees them, which is traced
     ``overscan``                  pixels sampled beyond each side of the crop window, 0 to
                                   10000; by default as far as the circles of confusion of what
                                   lies there reach, at any focus within the scene's depth
@@ -56,7 +56,7 @@ class Sampling:
     pattern: Pattern = "sampler"
     threshold: float = PAPERS_THRESHOLD
     subdivisions: int = 2
-    layers: int = 2
+    layers: int = 16
     overscan: int | None = None
     min_f_number: float | None = None
     virtual_depth: bool = True

@@ -15,6 +15,8 @@ import drjit as dr
 import mitsuba as mi
 
 from .._validation import require_whole
+from .clearance import ray_from
+from .shapes import bsdf_flags
 
 STEP = 1e-3
 """How far from a ray the curvature of a mirror is probed, as a share of the ray's length. It is
@@ -30,14 +32,9 @@ CREASE = 0.3
 def has_specular(scene: mi.Scene) -> bool:
     """Whether the scene may have surfaces at which :func:`trace_visible` goes on.
 
-    The host decides it from the flags of the BSDFs, which include the flags of nested ones. An
-    instance counts as such a surface, for it does not tell what it is made of.
+    The flags of the BSDFs decide it, which include the flags of nested ones.
     """
-    return any(
-        shape.class_name() == "Instance"
-        or (shape.bsdf() is not None and _may_go_on(shape.bsdf().flags()))
-        for shape in scene.shapes()
-    )
+    return bool(_may_go_on(bsdf_flags(scene)).any())
 
 
 class Visible(NamedTuple):
@@ -166,7 +163,7 @@ def _step(scene: mi.Scene, path: _Path) -> _Path:
     goes = straight | mirror
     points, directions = _reflected(scene, path, reflected, mirror)
     direction = dr.select(mirror, reflected, path.direction)
-    there = scene.ray_intersect(here.spawn_ray(direction), goes)
+    there = scene.ray_intersect(ray_from(here, direction, path.length), goes)
     step = dr.select(goes & there.is_valid(), dr.norm(there.p - here.p), 0)
     return _Path(
         active=goes & _is_worth_a_step(there),
