@@ -12,6 +12,7 @@ import functools
 import importlib
 import sys
 import threading
+from collections.abc import Callable
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -57,7 +58,7 @@ def __getattr__(attribute: str) -> Any:
     return getattr(_arrays(variant()), attribute)
 
 
-def from_numpy(kind: type[T], column: np.ndarray) -> T:
+def from_numpy(kind: Callable[..., T], column: np.ndarray) -> T:
     """``column``, (N,), as a Dr.Jit array of type ``kind``, in memory of Dr.Jit's own.
 
     Dr.Jit would use NumPy's memory, and compile each kernel for how that happens to be aligned:

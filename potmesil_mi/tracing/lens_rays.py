@@ -18,13 +18,12 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from .clearance import clearance
 from .rays import PrimaryRays
-from .virtual_depth import passes_straight
 
 LENS_POINTS = 32
 """Points of the lens from which a surface is looked at before it is said to be out of sight."""
 
-TURN = (5**0.5 - 1) / 2
-"""Part of a full turn by which the points of one ray are turned against those of the ray before:
+TURN = round((5**0.5 - 1) / 2 * 2**32)
+"""By how much of a turn of 2**32 the points of one ray are turned against those of the one before:
 the golden section, which leaves no pattern."""
 
 
@@ -35,7 +34,7 @@ class LensRays:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``scene``                     what is looked at
+    ``rays``                      those of the pinhole, with the scene
     ``origin``                    the pinhole; of a telecentric lens any point of the plane at
                                   depth 0
     ``axis``                      unit vector along which depth is counted
@@ -43,19 +42,17 @@ class LensRays:
     ``radius``                    half-widths of the lens along ``across`` in scene units; of a
                                   telecentric lens the slope of the outermost rays to the axis
     ``telecentric``               whether rays meet the plane at depth 0 anywhere
-    ``near_clip``                 depth at which rays begin
-    ``follows_panes``             whether rays go through panes, and through what masks cut out
+    ``clip``                      depths at which rays begin and end
     ============================  ==========================================================
     """
 
-    scene: mi.Scene
+    rays: PrimaryRays
     origin: mi.Point3f
     axis: mi.Vector3f
     across: tuple[mi.Vector3f, mi.Vector3f]
     radius: tuple[float, float]
     telecentric: bool
-    near_clip: float
-    follows_panes: bool
+    clip: tuple[float, float]
 
     @classmethod
     def of(cls, rays: PrimaryRays, lens: ThinLens | TelecentricLens, nearest: float) -> LensRays:
@@ -72,25 +69,23 @@ class LensRays:
             width = height / lens.squeeze
         x, y, z = (dr.normalize(to_world @ mi.Vector3f(*unit)) for unit in np.eye(3).tolist())
         return cls(
-            scene=rays.scene,
+            rays=rays,
             origin=to_world @ mi.Point3f(0),
             axis=z,
             across=(x, y),
             radius=(float(width), float(height)),
             telecentric=isinstance(lens, TelecentricLens),
-            near_clip=float(camera.near_clip),
-            follows_panes=rays.follows_mirrors,
+            clip=(float(camera.near_clip), float(camera.far_clip)),
         )
 
-    def see(self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+    def see(self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, number: mi.UInt32) -> mi.Bool:
         """Whether any point of the lens sees what ``ray`` of the pinhole meets at ``hit``.
 
-        It is to see the side that the ray meets. Where nothing is hit, it is to see the sky in
-        the direction of ``ray``.
+        It is to see the side that the ray meets; the sky in the direction of ``ray`` where that
+        meets nothing. ``number`` is that of the ray, for which the points are turned.
         """
         u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
-        turn = mi.Float(dr.arange(mi.UInt32, dr.width(ray.d))) * TURN
-        sine, cosine = dr.sincos(2 * dr.pi * (turn - dr.floor(turn)))
+        sine, cosine = dr.sincos(mi.Float(number * TURN) * (2 * dr.pi / 2**32))
         width, height = (dr.opaque(mi.Float, half) for half in self.radius)
         side = dr.dot(hit.n, ray.d)
 
@@ -103,11 +98,11 @@ class LensRays:
             return active & ~sees, number + 1
 
         left, _ = dr.while_loop(
-            (mi.Bool(active), mi.UInt32(0)),
+            (dr.full(mi.Bool, True, dr.width(ray.d)), mi.UInt32(0)),
             lambda active, number: active & (number < LENS_POINTS),
             look,
         )
-        return active & ~left
+        return ~left
 
     def _towards(
         self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, u: mi.Float, v: mi.Float
@@ -125,23 +120,23 @@ class LensRays:
         apart = hit.p - start
         length = dr.norm(apart)
         direction = dr.select(hit.is_valid(), apart / length, onward)
-        clipped = self.near_clip / dr.dot(direction, self.axis)
-        result = mi.Ray3f(start + clipped * direction, direction, ray.time, ray.wavelengths)
-        reach = dr.maximum(length - clipped - clearance(hit, length), 0)
-        result.maxt = dr.select(hit.is_valid(), reach, dr.largest(mi.Float))
+        near, far = (depth / dr.dot(direction, self.axis) for depth in self.clip)
+        result = mi.Ray3f(start + near * direction, direction, ray.time, ray.wavelengths)
+        end = dr.select(hit.is_valid(), length - clearance(hit, length), far)
+        result.maxt = dr.maximum(end - near, 0)
         return result
 
     def _is_blocked(self, ray: mi.Ray3f, active: mi.Bool) -> mi.Bool:
         """Whether anything lies on ``ray``."""
-        if not self.follows_panes:
-            return self.scene.ray_test(ray, active)
+        if self.rays.all_block:
+            return self.rays.scene.ray_test(ray, active)
 
         def step(
             going: mi.Bool, blocked: mi.Bool, ray: mi.Ray3f
         ) -> tuple[mi.Bool, mi.Bool, mi.Ray3f]:
-            hit = self.scene.ray_intersect(ray, going)
+            hit = self.rays.scene.ray_intersect(ray, going)
             meets = going & hit.is_valid()
-            passes = passes_straight(hit, meets)
+            passes = self.rays.lets_through(hit, meets)
             passed = hit.t + clearance(hit, hit.t)
             ray = mi.Ray3f(ray)
             ray.o = dr.select(passes, ray.o + passed * ray.d, ray.o)

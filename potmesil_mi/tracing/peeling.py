@@ -29,6 +29,9 @@ from .rays import PrimaryRays
 LABEL = "Hidden surfaces"
 """What is said of the progress."""
 
+SIDES = 2
+"""A ray is followed through so many surfaces for each that may be kept: into things and out."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Hidden:
@@ -37,8 +40,8 @@ class Hidden:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``of``                        int64 (N,), number of the primary ray
-    ``layer``                     uint8 (N,), how many surfaces are before it on that ray
+    ``of``                        uint32 (N,), number of the primary ray
+    ``layer``                     uint32 (N,), its place, from 1, among what is kept of the ray
     ``start``                     float32 (N,), where on the ray the surface before it has been
                                   left, in scene units from the ray's origin
     ``z``                         float32 (N,), depth; ``inf`` where nothing more was met
@@ -54,9 +57,10 @@ class Hidden:
 
     @classmethod
     def joined(cls, parts: list[Hidden]) -> Hidden:
-        """All of several, in the order of their rays and layers."""
+        """All of several, in the order of their layers and rays."""
+        empty = cls(*(np.empty(0, kind) for kind in ("u4", "u4", "f4", "f4", "u4")))
         columns = {
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            field.name: np.concatenate([getattr(part, field.name) for part in [empty, *parts]])
             for field in dataclasses.fields(cls)
         }
         order = np.lexsort((columns["of"], columns["layer"]))
@@ -81,8 +85,6 @@ def add_hidden(
         peeled(chosen[part], first.x, first.y, rays, lens, layers)
         for part in track(wavefronts(len(chosen), 1), LABEL)
     ]
-    if not parts:
-        return
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -104,33 +106,37 @@ def peeled(
     index = from_numpy(mi.UInt32, chosen)
     position = mi.Point2f(from_numpy(mi.Float, x[chosen]), from_numpy(mi.Float, y[chosen]))
     start = dr.zeros(mi.Float, len(chosen))
-    dr.make_opaque(start)
+    layer = dr.zeros(mi.UInt32, len(chosen))
+    dr.make_opaque(start, layer)
     found: list[Hidden] = []
-    for layer in range(layers):
+    for met in range(SIDES * layers):
         ray, _ = rays.through(position, mi.Float(0.5), rays.sensor.shutter_open())
         ray = mi.Ray3f(ray)
         ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
-        depth, hit, mirrored = rays.visible(ray)
-        goes_on = hit.is_valid() & ~mirrored
-        distance = dr.dot(hit.p - ray.o, ray.d)
-        after = start + distance + clearance(hit, start + distance)
-        if layer > 0:
-            sees = lens.see(ray, hit, mi.Bool(True)) | mirrored
-            surface = rays.surface_of(hit)
-            dr.eval(sees, surface, depth, goes_on, after)
+        visible = rays.visible(ray)
+        hit = visible.hit
+        goes_on = hit.is_valid() & ~visible.mirrored
+        passed = start + dr.dot(hit.p - ray.o, ray.d)
+        passed += clearance(hit, passed)
+        if met > 0:
+            sees = lens.see(ray, dr.select(visible.mirrored, visible.first, hit), index)
+            layer += dr.select(sees, mi.UInt32(1), mi.UInt32(0))
+            goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
+            columns = [index, layer, start, visible.depth, rays.surface_of(hit)]
+            dr.eval(sees, goes_on, passed, columns)
             kept = dr.compress(sees)
-            columns = [dr.gather(type(c), c, kept) for c in (index, start, depth, surface)]
+            columns = [dr.gather(type(c), c, kept) for c in columns]
             dr.eval(columns)
-            of, *rest = (np.array(column) for column in columns)
-            found.append(Hidden(of.astype(np.int64), np.full(len(of), layer, np.uint8), *rest))
+            found.append(Hidden(*(np.array(column) for column in columns)))
         else:
-            dr.eval(goes_on, after)
+            dr.eval(goes_on, passed)
         further = dr.compress(goes_on)
         if dr.width(further) == 0:
             break
-        index, start = dr.gather(mi.UInt32, index, further), dr.gather(mi.Float, after, further)
+        index, layer = (dr.gather(mi.UInt32, column, further) for column in (index, layer))
+        start = dr.gather(mi.Float, passed, further)
         position = dr.gather(mi.Point2f, position, further)
-        dr.eval(index, start, position)
+        dr.eval(index, layer, start, position)
     return Hidden.joined(found)
 
 

@@ -14,7 +14,7 @@ from .clearance import ray_from
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
-from .virtual_depth import Visible, trace_visible
+from .virtual_depth import Visible, passes_straight, trace_visible
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +82,7 @@ class PrimaryRays:
         """
         hit = self._first_hit(ray)
         if not self.follows_mirrors:
-            return Visible(self.depth(hit), hit, mi.Bool(False))
+            return Visible(self.depth(hit), hit, mi.Bool(False), hit)
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
         origin = to_world @ mi.Point3f(0)
@@ -128,6 +128,18 @@ class PrimaryRays:
             z=depth,
             surface=surface,
         )
+
+    @property
+    def all_block(self) -> bool:
+        """Whether every surface blocks what is behind it."""
+        return not (self.follows_mirrors or self.integrator.hide_emitters)
+
+    def lets_through(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Where one sees through what was hit: panes, holes of masks, lamps that are not shown."""
+        passes = self._is_left_out(hit)
+        if self.follows_mirrors:
+            passes |= passes_straight(hit, active & ~passes)
+        return active & passes
 
     def _is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
         """Whether the integrator does not show what was hit: a lamp, where it hides lamps."""

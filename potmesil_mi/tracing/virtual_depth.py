@@ -46,12 +46,14 @@ class Visible(NamedTuple):
     ``depth``                     depth in scene units along the axis, > 0
     ``hit``                       the surface that is seen, invalid where there is none
     ``mirrored``                  whether it is seen in a mirror
+    ``first``                     what the ray meets first, a mirror or a pane perhaps
     ============================  ==========================================================
     """
 
     depth: mi.Float
     hit: mi.SurfaceInteraction3f
     mirrored: mi.Bool
+    first: mi.SurfaceInteraction3f
 
 
 @dataclasses.dataclass
@@ -125,7 +127,7 @@ def trace_visible(
     require_whole("bounces", bounces, 0, 2**16)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
     if not has_specular(scene):
-        return Visible(_depth(origin, axis, hit), mi.SurfaceInteraction3f(hit), mi.Bool(False))
+        return Visible(_depth(origin, axis, hit), mi.SurfaceInteraction3f(hit), mi.Bool(False), hit)
     start = _start(origin, ray, hit, axis)
     (end,) = dr.while_loop(
         (start,),
@@ -133,7 +135,7 @@ def trace_visible(
         lambda path: (_step(scene, path),),
     )
     depth = dr.select(end.mirrored, _image_depth(end), _depth(origin, axis, end.hit))
-    return Visible(depth, end.hit, end.mirrored)
+    return Visible(depth, end.hit, end.mirrored, hit)
 
 
 def _start(

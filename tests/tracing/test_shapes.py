@@ -1,11 +1,11 @@
-"""Surface ids, and which shapes enclose a volume."""
+"""Surface ids, and what instances are made of."""
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.tracing.shapes import closed_shapes, is_closed_mesh, registry_index, surface_ids
+from potmesil_mi.tracing.shapes import bsdf_flags, registry_index, surface_ids
 from scenes import papers_scene, still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -53,60 +53,11 @@ def test_ids_are_found_at_what_a_ray_hits():
     assert [names[int(np.array(ids)[i])] for i in np.array(registry_index(hit))] == ["ball", "wall"]
 
 
-# ---------------------------------------------------------------- closed shapes
-
-
-def strip_of(faces):
-    """A tetrahedron's mesh, of which some faces may be left out."""
-    mesh = mi.Mesh("tetrahedron", 4, len(faces))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
-    parameters["faces"] = np.array(faces, dtype=np.uint32).ravel()
-    parameters.update()
-    return mesh
-
-
-TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-
-
-@pytest.mark.parametrize(
-    ("shape", "closed"),
-    [
-        ({"type": "sphere"}, True),
-        ({"type": "cylinder"}, True),
-        ({"type": "cube"}, True),
-        ({"type": "rectangle"}, False),
-        ({"type": "disk"}, False),
-        (TETRAHEDRON, True),
-        (TETRAHEDRON[:3], False),
-        ([*TETRAHEDRON[:3], [0, 2, 3]], False),
-    ],
-    ids=["sphere", "cylinder", "cube", "rectangle", "disk", "mesh", "open", "twisted"],
-)
-def test_closed_shapes_are_told_from_open_ones_and_their_inside_from_the_outside(shape, closed):
-    shape = shape if isinstance(shape, dict) else strip_of(shape)
-    scene = mi.load_dict({"type": "scene", "thing": shape, "other": {"type": "rectangle"}})
-    ids, surfaces = surface_ids(scene)
-    table = dict(zip(np.array(ids).tolist(), np.array(closed_shapes(scene)).tolist(), strict=True))
-    found = {surfaces[i]: value for i, value in table.items() if i > 0}
-    assert [value for name, value in found.items() if name != "other"] == [closed]
-    assert found["other"] == 0
-
-
-@pytest.mark.parametrize(
-    ("faces", "closed"),
-    [(TETRAHEDRON, True), (TETRAHEDRON[:3], False), ([*TETRAHEDRON[:3], [0, 2, 3]], False)],
-    ids=["closed", "open", "twisted"],
-)
-def test_vertices_at_one_place_count_as_one(faces, closed):
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
-    faces = np.array(faces)
-    assert is_closed_mesh(corners, faces) is closed
-    # Every face with vertices of its own, as a mesh with one normal for each face has them.
-    own = np.arange(faces.size).reshape(-1, 3)
-    assert is_closed_mesh(corners[faces.ravel()], own) is closed
-
-
-def test_faces_without_an_extent_do_not_open_a_mesh():
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
-    assert is_closed_mesh(corners, np.array([*TETRAHEDRON, [2, 2, 2]]))
+@pytest.mark.parametrize(("bsdf", "flag"), [("diffuse", False), ("conductor", True)])
+def test_an_instance_is_as_specular_as_what_it_is_made_of(bsdf, flag):
+    scene = still_life(
+        group={"type": "shapegroup", "a": {"type": "sphere", "bsdf": {"type": bsdf}}},
+        ball={"type": "instance", "shapegroup": {"type": "ref", "id": "group"}},
+    )
+    deltas = bsdf_flags(scene) & int(mi.BSDFFlags.DeltaReflection)
+    assert deltas.any() == flag
