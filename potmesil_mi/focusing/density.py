@@ -22,6 +22,9 @@ EVEN = 1e-3
 BORROWED_DENSITY = 1e-3
 """What a subpixel without a sample counts in its pixel, where others count 1 on the average."""
 
+SPARSE_REACH = 3
+"""How far samples reach that stand for an area of several subpixels, in widths of it beyond one."""
+
 
 class Evened(NamedTuple):
     """Fragments as if each subpixel had its full share of samples, and how many it had.
@@ -43,7 +46,8 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     """The ``fragments`` as if each subpixel had its full share of samples.
 
     A subpixel without a sample of what the pinhole sees borrows all fragments of the nearest one
-    that has some, up to ``reach`` rows and columns away; where there is none, density is 0.
+    that has some, up to ``reach`` rows and columns away, or farther where samples are so few that
+    each stands for several subpixels; where there is none, density is 0.
     """
     height, width = fragments.height, fragments.width
     subpixel, first = fragments.subpixel, fragments.gap_in_front == 0
@@ -57,16 +61,17 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     scale = (1 / total[fragments.subpixel]).astype(np.float32)
     fragments = dataclasses.replace(fragments, values=fragments.values * scale[:, None])
     if not sampled.all():
-        places, donors = _nearest(sampled, reach)
+        sparse = SPARSE_REACH * (np.sqrt(density) - 1)
+        places, donors = _nearest(sampled, np.maximum(reach, sparse))
         fragments = _with_copies(fragments, places, donors)
         density.flat[places] = BORROWED_DENSITY
     return Evened(fragments, density)
 
 
-def _nearest(sampled: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(sampled: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Subpixels that are not ``sampled``, and for each the nearest one that is; int64 (n,) each.
 
-    Those that are farther than ``reach`` rows or columns from any are left out.
+    Those are left out that are more rows or columns away than the ``reach`` of that one.
     """
     if not sampled.any():
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -76,8 +81,10 @@ def _nearest(sampled: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
     places = np.flatnonzero(~sampled)
     row, column = (axis.ravel()[places].astype(np.int64) for axis in nearest)
     width = sampled.shape[1]
-    close = np.maximum(abs(row - places // width), abs(column - places % width)) <= reach
-    return places[close], (row * width + column)[close]
+    donors = row * width + column
+    apart = np.maximum(abs(row - places // width), abs(column - places % width))
+    close = apart <= reach.ravel()[donors]
+    return places[close], donors[close]
 
 
 def _with_copies(fragments: Fragments, places: np.ndarray, donors: np.ndarray) -> Fragments:

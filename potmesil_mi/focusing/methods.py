@@ -88,8 +88,10 @@ class _Visible(Method):
         """See :meth:`Method.default_squares`: no more than there are samples."""
         diffracts = aperture_behind(psf).diffracts
         squares = DIFFRACTION_SQUARES if diffracts else self.usual_squares
-        # Subpixels without a sample show nothing.
-        return max(1, min(squares, math.isqrt(len(samples) // samples.window.size)))
+        # Subpixels without a sample show nothing. Beyond the crop window samples may be sparse.
+        crop = samples.crop_window
+        own = np.count_nonzero(crop.shows(samples.x, samples.y, samples.window))
+        return max(1, min(squares, math.isqrt(own // crop.size)))
 
 
 @dataclasses.dataclass(frozen=True)

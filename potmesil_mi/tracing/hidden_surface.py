@@ -11,7 +11,6 @@ from typing import Protocol, runtime_checkable
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
@@ -20,8 +19,8 @@ from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
-from .disocclusion import overscan
 from .lens_rays import LensRays
+from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
 from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
@@ -30,9 +29,6 @@ from .sampling import Sampling
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
 from .virtual_depth import has_specular
-
-PROBES = 512
-"""Rays on a side of the film that look for how far overscan must reach."""
 
 
 @runtime_checkable
@@ -112,7 +108,11 @@ def _sampled(
                 "whose lens has a half_angle"
             )
         widest = widest.replace(f_number=sampling.min_f_number)
-    window = _window(rays, sampling.overscan, widest)
+    if sampling.overscan is not None:
+        window = crop.grown(sampling.overscan)
+    else:
+        on_grid = sampling.pattern != "sampler"
+        window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     visible = sample_visible(rays, window, sampling)
     if sampling.layers > 1:
         _add_hidden(rays, visible, window, widest, sampling.layers)
@@ -153,30 +153,3 @@ def _crop_window(film: mi.Film) -> Window:
     if crop.size == 1:
         raise ValueError("film: its crop window has 1x1 pixels, must have more than one")
     return crop
-
-
-def _window(rays: PrimaryRays, margin: int | None, lens: ThinLens | TelecentricLens) -> Window:
-    """What is sampled: the crop window and overscan, ``margin`` pixels or as far as is needed.
-
-    Rays through a grid over twice the film's width and height tell how near things are there.
-    """
-    crop = rays.crop
-    if margin is not None:
-        return crop.grown(margin)
-    lens = lens.plain()
-    opening = lens.slope if isinstance(lens, TelecentricLens) else lens.aperture_radius
-    if opening == 0:
-        return crop
-    side = max(crop.width, crop.height)
-    spacing = 2 * side / PROBES
-    start = spacing / 2 - side / 2
-    x = np.arange(crop.left + start, crop.right + side / 2, spacing)
-    y = np.arange(crop.top + start, crop.bottom + side / 2, spacing)
-    x, y = (axis.ravel().astype(np.float32) for axis in np.meshgrid(x, y))
-    ray, _ = rays.through(mi.Point2f(x, y), mi.Float(0.5), rays.sensor.shutter_open())
-    z = np.array(rays.visible(mi.Ray3f(ray)).depth)
-    camera = rays.sensor.camera()
-    if isinstance(lens, TelecentricLens):
-        picture = as_thin_lens(z, lens, camera)
-        z, lens, camera = picture.depth(z), picture.lens, picture.camera
-    return overscan(x, y, z, spacing, crop, lens, camera)

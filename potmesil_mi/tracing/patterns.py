@@ -23,6 +23,9 @@ from .sampling import Sampling
 PAPERS_LATTICE = 2
 """Points of the paper's grid on a side of a pixel: corners, middles of edges and centres."""
 
+FINE = 16
+"""Beyond the crop window a cell with samples is at most a ``FINE``-th as wide as it is far away."""
+
 
 @dataclasses.dataclass(frozen=True)
 class VisibleSamples:
@@ -67,47 +70,113 @@ def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> Vis
 
 
 def _by_sampler(rays: PrimaryRays, window: Window, layers: int) -> VisibleSamples:
-    """``spp`` samples in each pixel where the sampler puts them, pixel by pixel."""
+    """``spp`` samples in each pixel where the sampler puts them, pixel by pixel.
+
+    Far beyond the crop window there are as many in each of larger cells.
+    """
     spp = rays.passes.spp
-    parts = sampler_pixels(rays.crop, window)
+    parts = sampler_cells(rays.crop, window)
     # There is room for as many hidden samples, too.
-    buffer = SampleBuffer(sum(len(column) for column, _ in parts) * spp * min(layers, 2))
-    passes = [
-        (column[part], row[part]) for column, row in parts for part in wavefronts(len(column), spp)
-    ]
-    for column, row in track(passes, "Sampling"):
-        count = len(column) * spp
-        rays.passes.begin(count)
-        pixel = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, spp)
-        corner = mi.Point2f(
-            dr.gather(mi.Float, mi.Float(column.astype(np.float32)), pixel),
-            dr.gather(mi.Float, mi.Float(row.astype(np.float32)), pixel),
-        )
-        position = corner + rays.passes.sampler.next_2d()
+    buffer = SampleBuffer(sum(map(len, parts)) * spp * min(layers, 2))
+    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), spp)]
+    for cells in track(passes, "Sampling"):
+        rays.passes.begin(len(cells) * spp)
+        position, end = cells.positions(rays.passes.sampler.next_2d(), spp)
         traced = rays.trace(position)
-        inside = _within(position.x, corner.x), _within(position.y, corner.y)
-        shown, (x, y) = to_host(traced, *inside)
-        buffer.add(x, y, shown, weight=1 / spp, layer=0)
+        shown, (x, y) = to_host(traced, _before(position.x, end.x), _before(position.y, end.y))
+        buffer.add(x, y, shown, np.repeat(cells.area / spp, spp), layer=0)
     return VisibleSamples(buffer, spp, 0)
 
 
-def sampler_pixels(crop: Window, window: Window) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Columns and rows of the pixels of ``window``: those of ``crop`` in it, then the others.
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """Rectangles of pixels, each of which gets as many samples as a pixel of the crop window.
 
-    The crop window is a part of its own and comes first, so that its rays are those of
-    ``mi.render``. The second part is missing where there are no other pixels.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``left``, ``top``             int64 (N,), first column and first row of pixels of the film
+    ``width``, ``height``         int64 (N,), columns and rows
+    ============================  ==========================================================
     """
-    parts = [crop.pixels()]
-    column, row = window.pixels()
-    beyond = ~crop.contains(column, row)
-    if beyond.any():
-        parts.append((column[beyond], row[beyond]))
+
+    left: np.ndarray
+    top: np.ndarray
+    width: np.ndarray
+    height: np.ndarray
+
+    @classmethod
+    def of(cls, window: Window, size: int) -> Cells:
+        """Squares of ``size`` pixels a side, row by row; less at the right and below."""
+        columns = np.arange(window.left, window.right, size)
+        rows = np.arange(window.top, window.bottom, size)
+        left, top = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
+        width = np.minimum(window.right - left, size)
+        return cls(left, top, width, np.minimum(window.bottom - top, size))
+
+    @classmethod
+    def joined(cls, parts: list[Cells]) -> Cells:
+        """Those of several, one after the other."""
+        return cls(
+            *(np.concatenate(of) for of in zip(*(each._columns() for each in parts), strict=True))
+        )
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def __getitem__(self, part: slice) -> Cells:
+        """Some of them."""
+        return Cells(*(column[part] for column in self._columns()))
+
+    @property
+    def area(self) -> np.ndarray:
+        """Pixels of each, int64 (N,)."""
+        return self.width * self.height
+
+    def positions(self, within: mi.Point2f, each: int) -> tuple[mi.Point2f, mi.Point2f]:
+        """Film positions of ``each`` points of every cell, which ``within`` has from 0 to 1.
+
+        Also returns the right and lower ends of their cells.
+        """
+        cell = dr.arange(mi.UInt32, len(self) * each) // dr.opaque(mi.UInt32, each)
+        left, top, width, height = (
+            dr.gather(mi.Float, mi.Float(column.astype(np.float32)), cell)
+            for column in self._columns()
+        )
+        first, size = mi.Point2f(left, top), mi.Point2f(width, height)
+        return dr.fma(within, size, first), first + size
+
+    def _columns(self) -> tuple[np.ndarray, ...]:
+        return self.left, self.top, self.width, self.height
+
+
+def sampler_cells(crop: Window, window: Window) -> list[Cells]:
+    """Cells that cover ``window``: pixels of ``crop``, pixels around it, larger cells beyond.
+
+    The crop window, which ``window`` covers, is a part of its own and comes first, so that its
+    rays are those of ``mi.render``. What lies farther away matters in the picture only where its
+    circles of confusion reach that far, or its parallax does, so it needs no finer cells: those
+    ``FINE`` times ``size`` pixels away and more may be twice that size.
+    """
+    parts, inner, size = [Cells.of(crop, 1)], crop, 1
+    while inner != window:
+        outer = crop.grown(2 * size * FINE).intersection(window)
+        beside = inner.height
+        strips = [
+            Window(outer.left, outer.top, outer.width, inner.top - outer.top),
+            Window(outer.left, inner.top, inner.left - outer.left, beside),
+            Window(inner.right, inner.top, outer.right - inner.right, beside),
+            Window(outer.left, inner.bottom, outer.width, outer.bottom - inner.bottom),
+        ]
+        around = [Cells.of(strip, size) for strip in strips if not strip.is_empty]
+        if around:
+            parts.append(Cells.joined(around))
+        inner, size = outer, 2 * size
     return parts
 
 
-def _within(position: mi.Float, corner: mi.Float) -> mi.Float:
-    """``position``, moved left of ``corner + 1`` where single precision has rounded it up."""
-    end = corner + 1
+def _before(position: mi.Float, end: mi.Float) -> mi.Float:
+    """``position``, moved left of ``end`` where single precision has rounded it up."""
     below = end - dr.maximum(dr.abs(end), 1) * dr.epsilon(mi.Float)
     return dr.minimum(position, below)
 

@@ -172,5 +172,4 @@ def may_hide(visible: Columns, window: Window, lens: ThinLens, camera: Camera) -
     dr.scatter_reduce(dr.ReduceOp.Max, farthest, depth, index)
     dr.eval(nearest, farthest)
     near, far = (np.array(ends).reshape(window.shape) for ends in (nearest, farthest))
-    far[far == 0] = np.inf
     return np.flatnonzero(disoccluded(near, far, scale).ravel()[pixel])

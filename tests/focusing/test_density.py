@@ -105,6 +105,15 @@ def test_a_subpixel_without_a_sample_shows_all_that_the_nearest_one_shows():
     assert (np.diff(even.bin.astype(np.int64) * 24 * 16 + even.subpixel) >= 0).all()
 
 
+@pytest.mark.parametrize("cell", [3, 8])
+def test_a_sample_that_stands_for_many_pixels_is_shown_in_all_of_them(cell):
+    x, y = (axis.ravel() for axis in np.mgrid[0:24:cell, 0:24:cell] + cell / 2)
+    samples = synthetic(len(x), size=(24, 24), x=x, y=y, weight=np.full(len(x), float(cell**2)))
+    found = evened(gather(samples, 2, 1.0), 2)
+    assert len(found.fragments) == 48**2
+    np.testing.assert_allclose(found.fragments.values[:, SHARE], 1, atol=1e-6)
+
+
 def test_a_hole_that_is_wider_than_samples_lie_apart_stays_a_hole():
     samples = bars(16, at_random=False)
     samples = samples.chosen((samples.x < 4) | (samples.x > 10))

@@ -3,16 +3,7 @@ import math
 import numpy as np
 import pytest
 
-import potmesil_mi as pm
-from potmesil_mi.samples.raster import Window
-from potmesil_mi.tracing.disocclusion import (
-    GROWTH,
-    MOST_OVERSCAN,
-    SMALL_WINDOW,
-    disoccluded,
-    overscan,
-)
-from scenes import synthetic
+from potmesil_mi.tracing.disocclusion import GROWTH, disoccluded
 
 # ---------------------------------------------------------------- silhouettes
 
@@ -70,77 +61,12 @@ def test_an_edge_within_a_pixel_counts():
     assert not disoccluded(near, far, 4 * 0.4).any()
 
 
-# ---------------------------------------------------------------- overscan
-
-CROP = Window(100, 80, 60, 40)
-CAMERA = synthetic(1).camera
-
-
-def probes(spacing=1.0, reach=100):
-    left, top, width, height = CROP
-    return (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.arange(left - reach + spacing / 2, left + width + reach, spacing),
-            np.arange(top - reach + spacing / 2, top + height + reach, spacing),
-        )
-    )
-
-
-def lens_of(scale, focus_distance=4.0):
-    """A lens of a given parallax, at any focus."""
-    return pm.ThinLens(
-        50.0,
-        aperture_radius=scale / CAMERA.focal_length_pixels,
-        focus_distance=focus_distance,
-        millimeters_per_unit=1000.0,
-    )
-
-
-def margins(z, lens, spacing=1.0):
-    x, y = probes(spacing)
-    window = overscan(x, y, z(x, y), spacing, CROP, lens, CAMERA)
-    left, top = CROP[0] - window[0], CROP[1] - window[1]
-    return left, top, window[2] - CROP[2] - left, window[3] - CROP[3] - top
-
-
-def test_overscan_is_nothing_where_all_is_in_focus():
-    assert margins(lambda x, y: np.full_like(x, 4.0), lens_of(50.0)) == (0, 0, 0, 0)
-
-
-def test_overscan_is_the_radius_of_the_circles_beyond_the_window():
-    def sky_around(x, y):
-        inside = (x > 100) & (x < 160) & (y > 80) & (y < 120)
-        return np.where(inside, 4.0, np.inf)
-
-    sides = margins(sky_around, lens_of(50.0))
-    assert all(12 <= side <= 15 for side in sides), sides
-
-
-def test_overscan_is_on_the_side_where_it_is_needed():
-    def near_on_the_left(x, y):
-        return np.where(x < 100, 1.0, 4.0)
-
-    left, top, right, bottom = margins(near_on_the_left, lens_of(20.0))
-    assert 15 <= left <= 17
-    # Rounded like a circle of confusion: it reaches the corner from above, but not as far.
-    assert 0 < top <= left
-    assert 0 < bottom <= left
-    assert right == 0
-
-
-def test_overscan_allows_for_every_focus_within_the_scene():
-    def two_depths(x, y):
-        return np.where((x > 120) & (x < 140), 1.0, 4.0)
-
-    # Focused on what is at 1, what is at 4 reaches as far.
-    sides = margins(two_depths, lens_of(20.0))
-    assert all(15 <= side <= 17 for side in sides), sides
-
-
-def test_overscan_is_bounded():
-    x, y = probes()
-    window = overscan(x, y, np.full_like(x, 1.0), 1.0, CROP, lens_of(1e6), CAMERA)
-    assert window[2] * window[3] <= max(MOST_OVERSCAN * CROP[2] * CROP[3], SMALL_WINDOW)
-    assert window[2] > 2 * CROP[2]
-    assert window[3] > 2 * CROP[3]
+def test_pixels_without_samples_show_nothing():
+    full = step()
+    nearest, farthest = np.full(full.shape, np.inf), np.zeros(full.shape)
+    assert not disoccluded(nearest, farthest, 20.0).any()
+    nearest[::3, ::3] = farthest[::3, ::3] = full[::3, ::3]
+    marked = disoccluded(nearest, farthest, 20.0)
+    assert marked.any()
+    assert not (marked & ~disoccluded(full, full, 20.0)).any()
+    assert not marked[np.isinf(nearest)].any()

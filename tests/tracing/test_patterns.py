@@ -6,7 +6,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.samples.raster import Window
 from potmesil_mi.tracing.buffers import Shown
-from potmesil_mi.tracing.patterns import papers_grid, sampler_pixels, subdivided
+from potmesil_mi.tracing.patterns import FINE, papers_grid, sampler_cells, subdivided
 from scenes import papers_scene, pinhole_mean, still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -31,18 +31,50 @@ def showing(grey, asked=None):
     return show
 
 
+def rectangles(cells):
+    return list(zip(cells.left, cells.top, cells.width, cells.height, strict=True))
+
+
 def test_the_pixels_of_the_crop_window_come_first_and_each_pixel_once():
     crop, window = Window(3, 2, 4, 3), Window(1, 1, 8, 6)
-    inside, beyond = sampler_pixels(crop, window)
-    np.testing.assert_array_equal(inside, crop.pixels())
-    every = [*zip(*inside, strict=True), *zip(*beyond, strict=True)]
+    inside, beyond = sampler_cells(crop, window)
+    np.testing.assert_array_equal((inside.left, inside.top), crop.pixels())
+    assert (inside.area == 1).all()
+    every = [rectangle[:2] for part in (inside, beyond) for rectangle in rectangles(part)]
     assert sorted(every) == sorted(zip(*window.pixels(), strict=True))
-    assert not crop.contains(*beyond).any()
+    assert not crop.contains(beyond.left, beyond.top).any()
 
 
 def test_without_overscan_there_is_one_part_of_pixels():
     crop = Window(3, 2, 4, 3)
-    assert len(sampler_pixels(crop, crop)) == 1
+    assert len(sampler_cells(crop, crop)) == 1
+
+
+@pytest.mark.parametrize("window", [Window(-300, 2, 330, 7), Window(-37, -120, 100, 501)])
+def test_cells_cover_the_window_once_and_are_small_beside_their_distance(window):
+    crop = Window(3, 2, 7, 5)
+    covered = np.zeros(window.shape, dtype=int)
+    for cells in sampler_cells(crop, window):
+        for left, top, width, height in rectangles(cells):
+            place = Window(left, top, width, height)
+            covered[place.slices_in(window)] += 1
+            apart = max(
+                crop.left - place.right,
+                place.left - crop.right,
+                crop.top - place.bottom,
+                place.top - crop.bottom,
+                0,
+            )
+            assert max(width, height) <= max(1, apart / FINE)
+    assert (covered == 1).all()
+
+
+def test_the_number_of_cells_hardly_grows_with_overscan():
+    crop = Window(0, 0, 256, 256)
+    counts = [sum(map(len, sampler_cells(crop, crop.grown(n)))) for n in (32, 256, 2048)]
+    assert counts[0] == 320**2
+    assert counts[1] < 2 * crop.size
+    assert counts[2] < 2.5 * crop.size
 
 
 def test_the_papers_grid_has_every_half_pixel_once():
