@@ -35,13 +35,11 @@ class VisibleSamples:
     Field                         Meaning
     ============================  ==========================================================
     ``buffer``                    the samples, to which hidden ones can be added
-    ``group``                     so many after each other lie in one pixel and belong together
     ``lattice``                   positions are multiples of 1/lattice pixels; 0: anywhere
     ============================  ==========================================================
     """
 
     buffer: SampleBuffer
-    group: int
     lattice: int
 
 
@@ -63,7 +61,7 @@ def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> Vis
     buffer = SampleBuffer(len(points.ix))
     x, y = _positions(points.ix, points.iy, lattice, window)
     buffer.add(x, y, points.shown, points.weight, layer=0)
-    return VisibleSamples(buffer, 1, lattice)
+    return VisibleSamples(buffer, lattice)
 
 
 # ---------------------------------------------------------------- by the sampler
@@ -85,7 +83,7 @@ def _by_sampler(rays: PrimaryRays, window: Window, layers: int) -> VisibleSample
         traced = rays.trace(position)
         shown, (x, y) = to_host(traced, _before(position.x, end.x), _before(position.y, end.y))
         buffer.add(x, y, shown, np.repeat(cells.area / spp, spp), layer=0)
-    return VisibleSamples(buffer, spp, 0)
+    return VisibleSamples(buffer, 0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -41,8 +41,10 @@ class Sampling:
                                   (default): those behind the first only where some point of
                                   the lens sees them, which is traced
     ``overscan``                  pixels sampled beyond each side of the crop window, 0 to
-                                  10000; by default as far as the circles of confusion of what
-                                  lies there reach, at any focus within the scene's depth
+                                  10000; by default as far as the lens sees anything in the
+                                  crop window, at any focus within the scene's depth; a warning
+                                  says what is missing where that is too far. Far out samples
+                                  of the ``sampler`` are few
     ``min_f_number``              the widest aperture that ``layers`` and ``overscan`` must
                                   serve; by default that of the lens at hand
     ``virtual_depth``             depth of what is seen in mirrors and through panes is that of
