@@ -10,12 +10,12 @@ import drjit as dr
 import mitsuba as mi
 
 
-def clearance(hit: mi.SurfaceInteraction3f, distance: mi.Float) -> mi.Float:
-    """How far to keep from ``hit``, which is ``distance`` away from where a ray began."""
-    return mi.math.RayEpsilon * dr.maximum(dr.max(dr.abs(hit.p)), distance)
+def clearance(point: mi.Point3f, distance: mi.Float) -> mi.Float:
+    """How far to keep from a surface at ``point``, ``distance`` away from where a ray began."""
+    return mi.math.RayEpsilon * dr.maximum(dr.max(dr.abs(point)), distance)
 
 
 def ray_from(hit: mi.SurfaceInteraction3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Ray3f:
     """The ray that leaves ``hit`` in ``direction``; ``distance`` is as in :func:`clearance`."""
-    offset = dr.mulsign(clearance(hit, distance), dr.dot(hit.n, direction))
+    offset = dr.mulsign(clearance(hit.p, distance), dr.dot(hit.n, direction))
     return mi.Ray3f(hit.p + offset * hit.n, direction, hit.time, hit.wavelengths)

@@ -27,6 +27,34 @@ TURN = round((5**0.5 - 1) / 2 * 2**32)
 the golden section, which leaves no pattern."""
 
 
+STRIDE = 8
+"""So many points further on is the next that is looked from: it is as far out, or farther."""
+
+
+@dataclasses.dataclass
+class Target:
+    """What primary rays meet, one element for each.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``point``                     where it is; where nothing is met, a point of the ray
+    ``normal``                    its unit normal
+    ``direction``                 unit direction of the ray; a point of the lens must see the
+                                  same side of a surface
+    ``met``                       whether there is a surface; else the sky is to be seen in the
+                                  direction of the ray
+    ``number``                    number of the ray, for which the points of the lens are turned
+    ============================  ==========================================================
+    """
+
+    point: mi.Point3f
+    normal: mi.Normal3f
+    direction: mi.Vector3f
+    met: mi.Bool
+    number: mi.UInt32
+
+
 @dataclasses.dataclass(frozen=True)
 class LensRays:
     """Rays from all over a round lens at the pinhole.
@@ -78,51 +106,44 @@ class LensRays:
             clip=(float(camera.near_clip), float(camera.far_clip)),
         )
 
-    def see(self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, number: mi.UInt32) -> mi.Bool:
-        """Whether any point of the lens sees what ``ray`` of the pinhole meets at ``hit``.
-
-        It is to see the side that the ray meets; the sky in the direction of ``ray`` where that
-        meets nothing. ``number`` is that of the ray, for which the points are turned.
-        """
+    def see(self, target: Target, first: int = 0, end: int = LENS_POINTS) -> mi.Bool:
+        """Whether any of the points from ``first`` to before ``end`` sees each target."""
         u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
-        sine, cosine = dr.sincos(mi.Float(number * TURN) * (2 * dr.pi / 2**32))
+        sine, cosine = dr.sincos(mi.Float(target.number * TURN) * (2 * dr.pi / 2**32))
         width, height = (dr.opaque(mi.Float, half) for half in self.radius)
-        side = dr.dot(hit.n, ray.d)
+        side = dr.dot(target.normal, target.direction)
 
-        def look(active: mi.Bool, number: mi.UInt32) -> tuple[mi.Bool, mi.UInt32]:
-            x, y = dr.gather(mi.Float, u, number, active), dr.gather(mi.Float, v, number, active)
+        def look(active: mi.Bool, step: mi.UInt32) -> tuple[mi.Bool, mi.UInt32]:
+            # Each target begins with other points, from the middle of the lens to its rim.
+            point = (step * STRIDE + step // (LENS_POINTS // STRIDE) + target.number) % LENS_POINTS
+            x, y = dr.gather(mi.Float, u, point, active), dr.gather(mi.Float, v, point, active)
             x, y = cosine * x - sine * y, sine * x + cosine * y
-            from_lens = self._towards(ray, hit, x * width, y * height)
-            same_side = (dr.dot(hit.n, from_lens.d) * side > 0) | ~hit.is_valid()
-            sees = same_side & ~self._is_blocked(from_lens, active & same_side)
-            return active & ~sees, number + 1
+            ray = self._towards(target, x * width, y * height)
+            same_side = (dr.dot(target.normal, ray.d) * side > 0) | ~target.met
+            sees = same_side & ~self._is_blocked(ray, active & same_side)
+            return active & ~sees, step + 1
 
-        left, _ = dr.while_loop(
-            (dr.full(mi.Bool, True, dr.width(ray.d)), mi.UInt32(0)),
-            lambda active, number: active & (number < LENS_POINTS),
-            look,
-        )
+        last = dr.opaque(mi.UInt32, end)
+        state = dr.full(mi.Bool, True, dr.width(target)), dr.opaque(mi.UInt32, first)
+        left, _ = dr.while_loop(state, lambda active, step: active & (step < last), look)
         return ~left
 
-    def _towards(
-        self, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, u: mi.Float, v: mi.Float
-    ) -> mi.Ray3f:
-        """The ray from the point (u, v) of the lens to ``hit``, or along ``ray`` to the sky."""
+    def _towards(self, target: Target, u: mi.Float, v: mi.Float) -> mi.Ray3f:
+        """The ray from the point (u, v) of the lens to ``target``."""
         step = u * self.across[0] + v * self.across[1]
         if self.telecentric:
             # It comes along its slope from the plane at depth 0.
-            start = ray.o - self.axis * dr.dot(ray.o - self.origin, self.axis)
-            depth = dr.dot(hit.p - self.origin, self.axis)
-            start = dr.select(hit.is_valid(), hit.p - depth * (self.axis + step), start)
+            slope = dr.select(target.met, self.axis + step, self.axis)
+            start = target.point - dr.dot(target.point - self.origin, self.axis) * slope
             onward = dr.normalize(self.axis + step)
         else:
-            start, onward = self.origin + step, ray.d
-        apart = hit.p - start
+            start, onward = self.origin + step, target.direction
+        apart = target.point - start
         length = dr.norm(apart)
-        direction = dr.select(hit.is_valid(), apart / length, onward)
+        direction = dr.select(target.met, apart / length, onward)
         near, far = (depth / dr.dot(direction, self.axis) for depth in self.clip)
-        result = mi.Ray3f(start + near * direction, direction, ray.time, ray.wavelengths)
-        end = dr.select(hit.is_valid(), length - clearance(hit, length), far)
+        result = mi.Ray3f(start + near * direction, direction)
+        end = dr.select(target.met, length - clearance(target.point, length), far)
         result.maxt = dr.maximum(end - near, 0)
         return result
 
@@ -137,7 +158,7 @@ class LensRays:
             hit = self.rays.scene.ray_intersect(ray, going)
             meets = going & hit.is_valid()
             passes = self.rays.lets_through(hit, meets)
-            passed = hit.t + clearance(hit, hit.t)
+            passed = hit.t + clearance(hit.p, hit.t)
             ray = mi.Ray3f(ray)
             ray.o = dr.select(passes, ray.o + passed * ray.d, ray.o)
             ray.maxt = dr.select(passes, ray.maxt - passed, ray.maxt)

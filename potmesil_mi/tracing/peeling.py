@@ -7,6 +7,7 @@ sees is dropped before it is shaded; the rest is shaded at once.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import drjit as dr
 import mitsuba as mi
@@ -22,12 +23,20 @@ from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
 from .disocclusion import disoccluded
-from .lens_rays import LensRays
+from .lens_rays import LensRays, Target
 from .passes import wavefronts
 from .rays import PrimaryRays
+from .virtual_depth import Visible
 
 LABEL = "Hidden surfaces"
 """What is said of the progress."""
+
+FEW_POINTS = 4
+"""Points of the lens from which everything is looked at; from the others only in cells of the film
+where these have seen something."""
+
+VOTERS = 16
+"""Samples, at least, that a cell of the film has."""
 
 SIDES = 2
 """A ray is followed through so many surfaces for each that may be kept: into things and out."""
@@ -81,10 +90,12 @@ def add_hidden(
     What is found is shaded by ``paths`` paths each.
     """
     first = buffer.columns()
-    parts = [
-        peeled(chosen[part], first.x, first.y, rays, lens, layers)
-        for part in track(wavefronts(len(chosen), 1), LABEL)
-    ]
+    cells = _cells(first.x[chosen], first.y[chosen])
+    parts = []
+    for part in track(wavefronts(len(chosen), 1), LABEL):
+        number = chosen[part]
+        place = first.x[number], first.y[number], cells[part]
+        parts.append(peeled(number, *place, rays, lens, layers))
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -94,17 +105,18 @@ def peeled(
     chosen: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
+    cells: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
 ) -> Hidden:
     """What the primary rays ``chosen`` meet behind the first surface, and the lens sees.
 
-    ``x``, ``y`` (N,) are the positions of all rays in pixels of the film. What a mirror shows
-    hides nothing.
+    ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
+    ``cells`` the numbers of the cells in which they lie, uint32. What a mirror shows hides nothing.
     """
-    index = from_numpy(mi.UInt32, chosen)
-    position = mi.Point2f(from_numpy(mi.Float, x[chosen]), from_numpy(mi.Float, y[chosen]))
+    index, cell = (from_numpy(mi.UInt32, column) for column in (chosen, cells))
+    position = mi.Point2f(from_numpy(mi.Float, x), from_numpy(mi.Float, y))
     start = dr.zeros(mi.Float, len(chosen))
     layer = dr.zeros(mi.UInt32, len(chosen))
     dr.make_opaque(start, layer)
@@ -117,27 +129,72 @@ def peeled(
         hit = visible.hit
         goes_on = hit.is_valid() & ~visible.mirrored
         passed = start + dr.dot(hit.p - ray.o, ray.d)
-        passed += clearance(hit, passed)
+        passed += clearance(hit.p, passed)
         if met > 0:
-            sees = lens.see(ray, dr.select(visible.mirrored, visible.first, hit), index)
-            layer += dr.select(sees, mi.UInt32(1), mi.UInt32(0))
-            goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
             columns = [index, layer, start, visible.depth, rays.surface_of(hit)]
-            dr.eval(sees, goes_on, passed, columns)
+            target = _target(ray, visible, index)
+            dr.eval(goes_on, passed, columns, target)
+            sees = _sees(lens, target, cell)
+            layer = columns[1] = layer + dr.select(sees, mi.UInt32(1), mi.UInt32(0))
+            goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
             kept = dr.compress(sees)
             columns = [dr.gather(type(c), c, kept) for c in columns]
-            dr.eval(columns)
+            dr.eval(columns, layer, goes_on)
             found.append(Hidden(*(np.array(column) for column in columns)))
         else:
             dr.eval(goes_on, passed)
         further = dr.compress(goes_on)
         if dr.width(further) == 0:
             break
-        index, layer = (dr.gather(mi.UInt32, column, further) for column in (index, layer))
+        index, layer, cell = (dr.gather(mi.UInt32, c, further) for c in (index, layer, cell))
         start = dr.gather(mi.Float, passed, further)
         position = dr.gather(mi.Point2f, position, further)
-        dr.eval(index, layer, start, position)
+        dr.eval(index, layer, cell, start, position)
     return Hidden.joined(found)
+
+
+def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
+    """What is to be seen of what a primary ray meets: of an image, the mirror that shows it."""
+    mirrored, hit, first = visible.mirrored, visible.hit, visible.first
+    met = mirrored | hit.is_valid()
+    point = dr.select(mirrored, first.p, hit.p)
+    return Target(
+        point=dr.select(met, point, ray.o),
+        normal=dr.select(mirrored, first.n, hit.n),
+        direction=mi.Vector3f(ray.d),
+        met=met,
+        number=mi.UInt32(number),
+    )
+
+
+def _sees(lens: LensRays, target: Target, cell: mi.UInt32) -> mi.Bool:
+    """Whether any point of the lens sees each target, bool (N,), evaluated.
+
+    Few points are tried first. Only where one of these sees anything in the same ``cell`` of the
+    film are the others: most of what is hidden is hidden from the whole lens.
+    """
+    sees = lens.see(target, end=FEW_POINTS)
+    seen = dr.zeros(mi.UInt32, int(dr.max(cell)[0]) + 1)
+    dr.scatter(seen, mi.UInt32(1), cell, sees)
+    dr.eval(sees, seen)
+    again = dr.compress(~sees & (dr.gather(mi.UInt32, seen, cell) > 0))
+    if dr.width(again) > 0:
+        more = lens.see(dr.gather(Target, target, again), first=FEW_POINTS)
+        dr.scatter(sees, more, again)
+        dr.eval(sees)
+    return sees
+
+
+def _cells(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Numbers, uint32 (N,), of square cells of the film in which positions lie.
+
+    They are of whole pixels, which have ``VOTERS`` of the positions or more on the average.
+    """
+    column, row = (np.floor(at - at.min()).astype(np.uint32) for at in (x, y))
+    pixels = np.count_nonzero(np.bincount(row * (column.max() + 1) + column))
+    side = math.ceil(math.sqrt(VOTERS * pixels / len(x)))
+    column, row = column // side, row // side
+    return row * (column.max() + 1) + column
 
 
 def shaded(hidden: Hidden, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, paths: int) -> Shown:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import drjit as dr
@@ -132,7 +133,14 @@ class PrimaryRays:
     @property
     def all_block(self) -> bool:
         """Whether every surface blocks what is behind it."""
-        return not (self.follows_mirrors or self.integrator.hide_emitters)
+        return not (self.follows_mirrors or self.hides_lamps)
+
+    @functools.cached_property
+    def hides_lamps(self) -> bool:
+        """Whether there are lamps that the integrator does not show."""
+        if not self.integrator.hide_emitters:
+            return False
+        return any(shape.is_emitter() for shape in self.scene.shapes())
 
     def lets_through(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Where one sees through what was hit: panes, holes of masks, lamps that are not shown."""
@@ -143,14 +151,14 @@ class PrimaryRays:
 
     def _is_left_out(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
         """Whether the integrator does not show what was hit: a lamp, where it hides lamps."""
-        if not self.integrator.hide_emitters:
+        if not self.hides_lamps:
             return mi.Bool(False)
         return hit.is_valid() & hit.shape.is_emitter()
 
     def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
         """The surface that the integrator sees first: it may leave out area lights."""
         hit = self.scene.ray_intersect(ray)
-        if not self.integrator.hide_emitters:
+        if not self.hides_lamps:
             return hit
 
         def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
