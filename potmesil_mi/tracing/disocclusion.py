@@ -12,7 +12,7 @@ import math
 import numpy as np
 import scipy.ndimage
 
-GROWTH = 1.5
+GROWTH = 1.25
 """Ratio of the distances at which silhouettes are looked for."""
 
 

@@ -19,7 +19,7 @@ from ..optics.telecentric import TelecentricLens
 from .clearance import clearance
 from .rays import PrimaryRays
 
-LENS_POINTS = 32
+LENS_POINTS = 16
 """Points of the lens from which a surface is looked at before it is said to be out of sight."""
 
 TURN = round((5**0.5 - 1) / 2 * 2**32)
@@ -27,7 +27,7 @@ TURN = round((5**0.5 - 1) / 2 * 2**32)
 the golden section, which leaves no pattern."""
 
 
-STRIDE = 8
+STRIDE = 4
 """So many points further on is the next that is looked from: it is as far out, or farther."""
 
 
@@ -106,8 +106,11 @@ class LensRays:
             clip=(float(camera.near_clip), float(camera.far_clip)),
         )
 
-    def see(self, target: Target, first: int = 0, end: int = LENS_POINTS) -> mi.Bool:
-        """Whether any of the points from ``first`` to before ``end`` sees each target."""
+    def see(self, target: Target, first: mi.UInt32, end: mi.UInt32) -> mi.Bool:
+        """Whether any of the points from ``first`` to before ``end`` sees each target, bool (N,).
+
+        Each target has an order of its own of all ``LENS_POINTS`` of them.
+        """
         u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
         sine, cosine = dr.sincos(mi.Float(target.number * TURN) * (2 * dr.pi / 2**32))
         width, height = (dr.opaque(mi.Float, half) for half in self.radius)
@@ -123,9 +126,8 @@ class LensRays:
             sees = same_side & ~self._is_blocked(ray, active & same_side)
             return active & ~sees, step + 1
 
-        last = dr.opaque(mi.UInt32, end)
-        state = dr.full(mi.Bool, True, dr.width(target)), dr.opaque(mi.UInt32, first)
-        left, _ = dr.while_loop(state, lambda active, step: active & (step < last), look)
+        state = dr.full(mi.Bool, True, dr.width(target)), mi.UInt32(first)
+        left, _ = dr.while_loop(state, lambda active, step: active & (step < end), look)
         return ~left
 
     def _towards(self, target: Target, u: mi.Float, v: mi.Float) -> mi.Ray3f:

@@ -23,7 +23,7 @@ from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
 from .disocclusion import disoccluded
-from .lens_rays import LensRays, Target
+from .lens_rays import LENS_POINTS, LensRays, Target
 from .passes import wavefronts
 from .rays import PrimaryRays
 from .virtual_depth import Visible
@@ -31,7 +31,7 @@ from .virtual_depth import Visible
 LABEL = "Hidden surfaces"
 """What is said of the progress."""
 
-FEW_POINTS = 4
+FEW_POINTS = 3
 """Points of the lens from which everything is looked at; from the others only in cells of the film
 where these have seen something."""
 
@@ -171,15 +171,19 @@ def _sees(lens: LensRays, target: Target, cell: mi.UInt32) -> mi.Bool:
     """Whether any point of the lens sees each target, bool (N,), evaluated.
 
     Few points are tried first. Only where one of these sees anything in the same ``cell`` of the
-    film are the others: most of what is hidden is hidden from the whole lens.
+    film are the others: most of what is hidden is hidden from the whole lens, and still more of
+    where rays come out of things.
     """
-    sees = lens.see(target, end=FEW_POINTS)
+    comes_out = target.met & (dr.dot(target.normal, target.direction) > 0)
+    few = dr.select(comes_out, mi.UInt32(1), mi.UInt32(FEW_POINTS))
+    sees = lens.see(target, dr.zeros(mi.UInt32, dr.width(target)), few)
     seen = dr.zeros(mi.UInt32, int(dr.max(cell)[0]) + 1)
     dr.scatter(seen, mi.UInt32(1), cell, sees)
-    dr.eval(sees, seen)
+    dr.eval(sees, seen, few)
     again = dr.compress(~sees & (dr.gather(mi.UInt32, seen, cell) > 0))
     if dr.width(again) > 0:
-        more = lens.see(dr.gather(Target, target, again), first=FEW_POINTS)
+        first = dr.gather(mi.UInt32, few, again)
+        more = lens.see(dr.gather(Target, target, again), first, dr.opaque(mi.UInt32, LENS_POINTS))
         dr.scatter(sees, more, again)
         dr.eval(sees)
     return sees
