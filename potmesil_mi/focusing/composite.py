@@ -10,39 +10,62 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy.ndimage
 
 from ..samples.raster import Window
 from .convolve import ROWS
+from .film import FinePicture
 from .fragments import SHARE
+from .kernels import SUBPIXEL_VARIANCE
 
 FAINTEST = 1e-5
 """Share of a subpixel below which nothing is told from the rounding of the transforms."""
+
+
+FAINTEST_BLUR = 1e-2
+"""Share of a subpixel below which the colour of what is blurred is not told from rounding."""
 
 
 class SpreadSlice(NamedTuple):
     """The light of a depth slice after it was spread.
 
     ``light`` is float32 (H, W, C), RGB, share and perhaps alpha, on pixels ``resolution``
-    subpixels wide, of which ``left`` and ``top`` are the first.
+    subpixels wide, of which ``left`` and ``top`` are the first. What is nearly in focus
+    ``is_sharp``; its pixels are subpixels, and it may have ``moments``, float32 (H, W, C) each.
     """
 
     light: np.ndarray
     left: int
     top: int
     resolution: int
+    is_sharp: bool = False
+    moments: Sequence[np.ndarray] = ()
 
 
 class Compositor:
     """A picture that is formed from the nearest slice to the farthest.
 
     ``crop`` is what the picture shows, in subpixels of the samples' window; ``channels`` are R, G,
-    B, the share of what is covered, and perhaps alpha.
+    B, the share of what is covered, and perhaps alpha. The samples have a ``density``, (H, W),
+    ``None`` where it is even, and ``moments``, (H, W, K), see
+    :class:`potmesil_mi.focusing.density.Evened`; a pixel has ``subpixels`` on a side.
     """
 
-    def __init__(self, crop: Window, channels: int) -> None:
-        self.crop = crop
+    def __init__(
+        self,
+        crop: Window,
+        channels: int,
+        subpixels: int = 1,
+        density: np.ndarray | None = None,
+        moments: np.ndarray | None = None,
+    ) -> None:
+        self.crop, self.subpixels, self.density = crop, subpixels, density
+        self.moments = [] if moments is None else list(np.moveaxis(moments, -1, 0))
         # What is covered adds up in the column of shares.
         self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
+        # Of what is sharp: its part of the total, and each moment.
+        terms = 0 if density is None and not self.moments else 1 + len(self.moments)
+        self.sharp = np.zeros((terms, *crop.shape, channels), dtype=np.float32)
 
     def put_behind(self, slices: Sequence[SpreadSlice]) -> None:
         """Put the light of slices that are at about one depth where there is still room for it."""
@@ -57,9 +80,10 @@ class Compositor:
             rows = Window(left, start, right - left, min(start + ROWS, bottom) - start)
             if len(parts) == 1:
                 light = parts[0].rows(rows.top, rows.bottom)
+                sharp = parts[0].sharp_rows(rows.top, rows.bottom)
+                self._admit(light, rows, sharp)
             else:
-                light = self._sum(parts, rows)
-            self._admit(light, rows)
+                self._admit(self._sum(parts, rows), rows)
 
     def _sum(self, parts: Sequence[_Overlap], rows: Window) -> np.ndarray:
         """The light of several parts in some rows, float32 (H, W, C)."""
@@ -71,19 +95,24 @@ class Compositor:
                 light[there.slices_in(rows)] += part.rows(first, end)
         return light
 
-    def _admit(self, light: np.ndarray, rows: Window) -> None:
-        """Add the part of ``light``, which becomes that part, for which there is room."""
+    def _admit(self, light: np.ndarray, rows: Window, sharp: Sequence[np.ndarray] = ()) -> None:
+        """Add the part of ``light``, which becomes that part, for which there is room.
+
+        ``sharp`` is the light again, and its moments, if it is so.
+        """
         place = rows.slices_in(Window(0, 0, *self.total.shape[1::-1]))
         np.maximum(light, 0, out=light)
         nearer, share = self.total[place], light[..., SHARE]
         admitted = (1 - nearer[..., SHARE]) / np.maximum(share, FAINTEST)
         np.clip(admitted, 0, 1, out=admitted)
         admitted[share <= FAINTEST] = 0
+        for total, of_sharp in zip(self.sharp, sharp, strict=False):
+            total[place] += of_sharp * admitted[..., None]
         light *= admitted[..., None]
         nearer += light
 
-    def finished(self) -> tuple[np.ndarray, np.ndarray]:
-        """The picture, float32 (H, W, 3 or 4), and which subpixels light reached, bool (H, W)."""
+    def finished(self) -> FinePicture:
+        """The picture. Where no light came it is 0 and counts nothing."""
         colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
         lit = self.total[..., SHARE] > FAINTEST
         picture = np.empty((*lit.shape, len(colours)), dtype=np.float32)
@@ -92,7 +121,61 @@ class Compositor:
             covered = np.where(lit[rows], self.total[rows, :, SHARE], np.inf)
             for to, of in enumerate(colours):
                 np.divide(self.total[rows, :, of], covered, out=picture[rows, :, to])
-        return picture, lit
+        if len(self.sharp) == 0:
+            return FinePicture(picture, lit.astype(np.float32))
+        return self._placed(picture, lit.astype(np.float32)[..., None], colours)
+
+    def _placed(self, picture: np.ndarray, lit: np.ndarray, colours: list[int]) -> FinePicture:
+        """The picture with its weights and moments.
+
+        What is sharp has its own moments. What is blurred has light all over its subpixels: it gets
+        the moments of the samples that are not those of what is sharp.
+        """
+        scale = (1 / np.maximum(self.total[..., SHARE, None], FAINTEST)).astype(np.float32)
+        sharp = self.sharp[0] * scale
+        weight = lit * self._counts(sharp[..., SHARE])[..., None]
+        if not self.moments:
+            return FinePicture(picture, weight[..., 0])
+        rest = np.maximum(1 - sharp[..., SHARE, None], 0)
+        blurred = picture.copy()
+        np.divide(picture - sharp[..., colours], rest, where=rest > FAINTEST_BLUR, out=blurred)
+        blurred = _sharpened(blurred, rest > 0.5)
+        picture = sharp[..., colours] + rest * blurred
+        scale *= weight
+        moments = []
+        for total, of_samples in zip(self.sharp[1:], self.moments, strict=True):
+            of_sharp = total * scale
+            of_all = of_samples[..., None] * weight
+            left = of_all - of_sharp[..., SHARE, None]
+            light = of_sharp[..., colours] + left * blurred
+            moments.append(np.concatenate([light, of_all], axis=-1))
+        return FinePicture(picture, weight[..., 0], moments)
+
+    def _counts(self, sharp: np.ndarray) -> np.ndarray:
+        """What subpixels, of which a share is ``sharp``, (H, W), count in their pixels.
+
+        Near what is sharp they count as densely as they were sampled, as do the samples themselves.
+        Elsewhere their light comes from all around, and chance that is their own is but noise.
+        """
+        if self.density is None:
+            return np.ones_like(sharp)
+        near = scipy.ndimage.maximum_filter(sharp, 2 * self.subpixels + 1) > FAINTEST_BLUR
+        return np.where(near, self.density, 1)
+
+
+def _sharpened(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """What a picture was before it was twice spread by a subpixel, where it is ``known``.
+
+    Gathering spread it, and the film takes the mean of its filter over a subpixel.
+    """
+    result = picture.copy()
+    for axis in (0, 1):
+        of, to = np.moveaxis(picture, axis, 0), np.moveaxis(result, axis, 0)
+        there = np.moveaxis(known, axis, 0)
+        step = (of[1:] - of[:-1]) * (there[1:] & there[:-1]) * of.dtype.type(SUBPIXEL_VARIANCE)
+        to[1:] += step
+        to[:-1] -= step
+    return result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +191,7 @@ class _Overlap:
     column: int
     row: int
     place: Window
+    sharp: Sequence[np.ndarray]
 
     @classmethod
     def of(cls, spread: SpreadSlice, crop: Window) -> _Overlap:
@@ -125,10 +209,13 @@ class _Overlap:
             parts.append((begin - (needed[-1].start + first) * factor, begin - start, end - begin))
         (column, across, width), (row, down, height) = parts
         light = light[needed[1], needed[0]]
+        sharp = [
+            of[needed[1], needed[0]] for of in (spread.light, *spread.moments) if spread.is_sharp
+        ]
         while factor > 2 and light.size:
             light = _doubled(_doubled(light, 0), 1)
             factor //= 2
-        return cls(light, factor, column, row, Window(across, down, width, height))
+        return cls(light, factor, column, row, Window(across, down, width, height), sharp)
 
     def rows(self, start: int, end: int) -> np.ndarray:
         """Rows ``start`` to ``end`` of the crop, with no more than the columns of the overlap.
@@ -142,6 +229,12 @@ class _Overlap:
         first = max(start // 2 - 1, 0)
         rows = self.light[first : (end + 1) // 2 + 1]
         return _doubled(_doubled(rows, 0)[start - 2 * first : end - 2 * first], 1)[:, columns]
+
+    def sharp_rows(self, start: int, end: int) -> list[np.ndarray]:
+        """What is sharp in rows ``start`` to ``end`` of the crop: light, and its moments."""
+        rows = slice(start - self.place.top + self.row, end - self.place.top + self.row)
+        columns = slice(self.column, self.column + self.place.width)
+        return [of[rows, columns] for of in self.sharp]
 
 
 def _doubled(image: np.ndarray, axis: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from .fragments import SHARE, Fragments
 EVEN = 1e-3
 """Shares of what the pinhole sees in a subpixel may differ by so much from 1."""
 
-BORROWED_DENSITY = 1e-3
+BORROWED_DENSITY = 1e-6
 """What a subpixel without a sample counts in its pixel, where others count 1 on the average."""
 
 SPARSE_REACH = 3
@@ -30,16 +30,19 @@ class Evened(NamedTuple):
     """Fragments as if each subpixel had its full share of samples, and how many it had.
 
     ``density``, float32 (height, width), is the share that each subpixel had of the samples of
-    what the pinhole sees: 1 where they are even.
+    what the pinhole sees, 1 on the average; ``None`` where they are even. ``moments``, float32
+    (height, width, K), tell where in the subpixel they were: the moments of the density, divided
+    by it; ``None`` where the fragments have none.
     """
 
     fragments: Fragments
-    density: np.ndarray
+    density: np.ndarray | None
+    moments: np.ndarray | None
 
     @property
     def nbytes(self) -> int:
         """Memory in bytes."""
-        return self.fragments.nbytes + self.density.nbytes
+        return sum(of.nbytes for of in self if of is not None)
 
 
 def evened(fragments: Fragments, reach: int) -> Evened:
@@ -55,17 +58,27 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     total = np.bincount(subpixel[first], share[first], height * width)
     density = total.astype(np.float32).reshape(height, width)
     if np.abs(density - 1).max() < EVEN:
-        return Evened(fragments, np.ones_like(density))
+        return Evened(fragments, None, _moments(fragments))
     sampled = density > 0
     fragments = fragments.chosen(sampled.ravel()[subpixel])
-    scale = (1 / total[fragments.subpixel]).astype(np.float32)
-    fragments = dataclasses.replace(fragments, values=fragments.values * scale[:, None])
+    fragments = fragments.scaled(1 / total[fragments.subpixel])
     if not sampled.all():
         sparse = SPARSE_REACH * (np.sqrt(density) - 1)
         places, donors = _nearest(sampled, np.maximum(reach, sparse))
         fragments = _with_copies(fragments, places, donors)
         density.flat[places] = BORROWED_DENSITY
-    return Evened(fragments, density)
+    return Evened(fragments, density, _moments(fragments))
+
+
+def _moments(fragments: Fragments) -> np.ndarray | None:
+    """The moments of what the pinhole sees of each subpixel, float32 (height, width, K)."""
+    if fragments.moments is None:
+        return None
+    shape = fragments.height, fragments.width
+    first = fragments.gap_in_front == 0
+    subpixel, shares = fragments.subpixel[first], fragments.moments[first, :, SHARE]
+    sums = [np.bincount(subpixel, of, shape[0] * shape[1]) for of in shares.T]
+    return np.stack(sums, axis=-1).astype(np.float32).reshape(*shape, -1)
 
 
 def _nearest(sampled: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,6 +26,8 @@ class Exposure:
     ``telecentric``               whether samples and lens stand for those of an orthographic
                                   camera, see :mod:`potmesil_mi.optics.telecentric`: then light
                                   does not fall off, and 1/z is what steps of depth are equal in
+    ``degree``                    up to which the film asks for moments: where in a subpixel light
+                                  is, see :mod:`potmesil_mi.focusing.moments`
     ============================  ==========================================================
     """
 
@@ -35,6 +37,7 @@ class Exposure:
     subpixels: int
     alpha: bool
     telecentric: bool = False
+    degree: int = 0
 
     @property
     def blur(self) -> Blur:

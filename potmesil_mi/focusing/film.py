@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from .. import _backend as jit
+from .moments import degree_for, degree_with, orders, responses
 
 
 @runtime_checkable
@@ -28,37 +29,76 @@ class ReconstructionFilter(Protocol):
         ...
 
 
-def reconstruct(
-    fine: np.ndarray,
-    weights: np.ndarray,
-    subpixels: int,
-    rfilter: ReconstructionFilter | None = None,
-) -> np.ndarray:
-    """Pixels (h, w, C) of a film from ``subpixels`` x ``subpixels`` values in each, (H, W, C).
+class FinePicture(NamedTuple):
+    """A picture in subpixels, before the film's reconstruction filter.
 
-    A pixel is the mean of the subpixels under its filter (box by default), each weighted by
-    ``weights``, float (H, W). Where all weights are 0 it is 0.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``picture``                   float (H, W, C), the mean light of each subpixel
+    ``weights``                   float (H, W), what each counts in its pixel
+    ``moments``                   for each of :func:`potmesil_mi.focusing.moments.orders`, of
+                                  some degree, float (H, W, C + 1), those of the light, and
+                                  last of the weights: they tell where in a subpixel these are
+    ============================  ==========================================================
+    """
+
+    picture: np.ndarray
+    weights: np.ndarray
+    moments: Sequence[np.ndarray] = ()
+
+
+def degree_of(rfilter: ReconstructionFilter | None, subpixels: int) -> int:
+    """The degree of the moments from which a filter makes pixels; 0 for a box, the default."""
+    return 0 if rfilter is None or rfilter.is_box_filter() else degree_for(subpixels)
+
+
+def reconstruct(
+    fine: FinePicture, subpixels: int, rfilter: ReconstructionFilter | None = None
+) -> np.ndarray:
+    """Pixels (h, w, C) of a film from ``subpixels`` x ``subpixels`` values in each.
+
+    A pixel is the mean of the light under its filter (box by default), as its weights tell. Where
+    all weights are 0 it is 0.
     """
     if subpixels == 1 and (rfilter is None or rfilter.is_box_filter()):
-        return fine
+        return fine.picture
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * subpixels))
-    taps = response((np.arange(-margin, subpixels + margin) + 0.5) / subpixels - 0.5).tolist()
+    middles = (np.arange(-margin, subpixels + margin) + 0.5) / subpixels - 0.5
+    degree = degree_with(len(fine.moments))
+    if degree > 0:
+        taps = responses(response, middles, 1 / subpixels, degree)
+    else:
+        taps = response(middles)[None]
+    weights = fine.weights[..., None]
+    light = np.concatenate([fine.picture * weights, weights], axis=-1)
+    every = dict(zip([(0, 0), *orders(degree)], [light, *fine.moments], strict=True))
+    height, width, channels = light.shape
+    total = np.zeros((height // subpixels, width // subpixels, channels), light.dtype)
+    for j in range(degree + 1):
+        across = np.zeros((height, width // subpixels, channels), light.dtype)
+        for i in range(degree + 1 - j):
+            _add_filtered(across, every[i, j], 1, taps[i], subpixels)
+        _add_filtered(total, across, 0, taps[j], subpixels)
+    weight = total[..., -1:]
+    return total[..., :-1] / np.where(weight == 0, 1, weight)
 
-    def filtered(values: np.ndarray) -> np.ndarray:
-        for axis in (0, 1):
-            values = np.moveaxis(values, axis, 0)
-            padded = np.pad(values, [(margin, margin)] + [(0, 0)] * (values.ndim - 1))
-            stop = len(values)
-            values = sum(
-                tap * padded[start : start + stop : subpixels] for start, tap in enumerate(taps)
-            )
-            values = np.moveaxis(values, 0, axis)
-        return values
 
-    weights = weights[..., None]
-    total = filtered(weights)
-    return filtered(fine * weights) / np.where(total == 0, 1, total)
+def _add_filtered(
+    total: np.ndarray, values: np.ndarray, axis: int, taps: np.ndarray, subpixels: int
+) -> None:
+    """Add pixels from subpixels along an axis, of which each counts what the taps say."""
+    margin = (len(taps) - subpixels) // 2
+    values, total = np.moveaxis(values, axis, 0), np.moveaxis(total, axis, 0)
+    count = len(total)
+    for start, tap in enumerate(taps.tolist(), -margin):
+        # Pixels whose subpixel there is one of the picture's.
+        first = max(0, -(start // subpixels))
+        last = min(count, count - start // subpixels)
+        if tap != 0 and first < last:
+            there = values[start + first * subpixels : start + last * subpixels : subpixels]
+            total[first:last] += there * values.dtype.type(tap)
 
 
 def _response(
@@ -67,4 +107,8 @@ def _response(
     """Radius in pixels and response of a filter."""
     if rfilter is None or rfilter.is_box_filter():
         return 0.5, np.ones_like
-    return rfilter.radius(), lambda x: np.array(rfilter.eval(jit.Float(x)), dtype=np.float64)
+
+    def response(x: np.ndarray) -> np.ndarray:
+        return np.array(rfilter.eval(jit.Float(x.ravel())), dtype=np.float64).reshape(x.shape)
+
+    return rfilter.radius(), response

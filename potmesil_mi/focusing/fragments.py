@@ -10,23 +10,18 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
-from ..samples.point_samples import PointSamples
-from ..samples.raster import Window
 
 BIN_RADIUS = 0.25
 """Samples of a subpixel are one fragment where their circles' radii differ by less (subpixels)."""
 
 MAX_BINS = 4095
 """Most bins of vergence between the nearest and the farthest sample, less one."""
-
-GATHERED_AT_ONCE = 1 << 22
-"""Most samples that are gathered at once; it bounds the memory of a step."""
 
 SHARE = 3
 """Column of ``Fragments.values`` with the share of the subpixel's area."""
@@ -52,6 +47,9 @@ class Fragments:
     ``offset``                    float32 (N, 2), from the middle of the subpixel to the middle
                                   of the light that the pinhole sees in it, in subpixels;
                                   ``None`` unless it was asked for
+    ``moments``                   float32 (N, K, 4 or 5), the ``values`` times each of the K
+                                  polynomials of :func:`potmesil_mi.focusing.moments.orders`;
+                                  ``None`` unless they were asked for, and on coarser subpixels
     ============================  ==========================================================
     """
 
@@ -66,6 +64,7 @@ class Fragments:
     vergence_min: float
     bin_width: float
     offset: np.ndarray | None = None
+    moments: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -108,7 +107,14 @@ class Fragments:
             values=np.ascontiguousarray(self.values[order], dtype=np.float32),
             gap_in_front=self.gap_in_front[order].astype(np.float32),
             bin=self.bin[order].astype(np.int32),
+            moments=None if self.moments is None else self.moments[order].astype(np.float32),
         )
+
+    def scaled(self, scale: np.ndarray) -> Fragments:
+        """The fragments with their light multiplied by ``scale``, (N,) or (N, 4 or 5)."""
+        scale = scale.astype(np.float32).reshape(len(self), *scale.shape[1:] or (1,))
+        moments = None if self.moments is None else self.moments * scale[:, None]
+        return dataclasses.replace(self, values=self.values * scale, moments=moments)
 
     def between(self, first: int, end: int) -> slice:
         """The fragments of the bins from ``first`` on that come before bin ``end``."""
@@ -179,122 +185,43 @@ class Fragments:
     @functools.cached_property
     def on_device(self) -> FragmentColumns:
         """The columns as Dr.Jit arrays."""
-        return FragmentColumns.of(self, self.values)
+        return FragmentColumns.of(self)
 
 
 @dataclasses.dataclass(frozen=True)
 class FragmentColumns:
-    """Columns of :class:`Fragments` as Dr.Jit arrays; ``values`` are RGB and share, interleaved."""
+    """Columns of :class:`Fragments` as Dr.Jit arrays.
+
+    ``values`` are RGB and share, interleaved, of the fragments' own values and then of each moment;
+    ``alpha`` is their alpha, and empty unless it was asked for; ``offset`` is across and down.
+    """
 
     x: jit.Int32
     y: jit.Int32
     vergence: jit.Float
     bin: jit.UInt32
-    values: jit.Float
-    alpha: jit.Float | None
+    values: list[jit.Float]
+    alpha: list[jit.Float]
+    offset: list[jit.Float] | None
 
     @classmethod
-    def of(cls, fragments: Fragments, values: np.ndarray) -> FragmentColumns:
-        """Those of ``fragments``, with ``values``, float32 (N, 4 or 5), in place of their own."""
-        has_alpha = values.shape[1] > SHARE + 1
+    def of(cls, fragments: Fragments) -> FragmentColumns:
+        """Those of ``fragments``."""
+        light = [fragments.values]
+        if fragments.moments is not None:
+            light += list(fragments.moments.swapaxes(0, 1))
+        has_alpha = fragments.values.shape[1] > SHARE + 1
         return cls(
             x=jit.Int32(fragments.x),
             y=jit.Int32(fragments.y),
             vergence=jit.Float(fragments.vergence),
             bin=jit.UInt32(fragments.bin),
-            values=jit.Float(np.ascontiguousarray(values[:, :4]).ravel()),
-            alpha=jit.Float(np.ascontiguousarray(values[:, 4])) if has_alpha else None,
+            values=[jit.Float(np.ascontiguousarray(of[:, :4]).ravel()) for of in light],
+            alpha=[jit.Float(np.ascontiguousarray(of[:, 4])) for of in light if has_alpha],
+            offset=None
+            if fragments.offset is None
+            else [jit.Float(np.ascontiguousarray(of)) for of in fragments.offset.T],
         )
-
-
-def gather(
-    samples: PointSamples, subpixels: int, radius_per_vergence: float, alpha: bool = False
-) -> Fragments:
-    """Samples gathered on ``subpixels`` x ``subpixels`` subpixels of a pixel.
-
-    ``radius_per_vergence`` is the circle's radius in subpixels per unit of vergence; with ``alpha``
-    the values have a fifth column.
-    """
-    samples = one_subpixel_each(samples, subpixels)
-    raster = samples.window.subdivided(subpixels)
-    bins = _Bins.of(samples, radius_per_vergence)
-    parts = [slice(i, i + GATHERED_AT_ONCE) for i in range(0, len(samples), GATHERED_AT_ONCE)]
-    located = functools.partial(_located, samples, subpixels, raster, bins)
-
-    nearest = dr.zeros(jit.UInt32, raster.size)
-    farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
-    for part in parts:
-        at = located(part)
-        for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
-            dr.scatter_reduce(op, ends, at.bin, at.subpixel, at.visible, mode=scatter_mode())
-        dr.eval(nearest, farthest)
-    # Most subpixels show one depth: their samples need no sorting.
-    one_depth = nearest - farthest <= 1
-
-    light = dr.zeros(jit.Float, raster.size * 4)
-    alpha_and_vergence = dr.zeros(jit.Float, raster.size * 2)
-    others = []
-    for part in parts:
-        at = located(part)
-        alone = at.visible & dr.gather(jit.Bool, one_depth, at.subpixel)
-        _scatter_alone(light, alpha_and_vergence, samples, part, subpixels, at, alone)
-        left_over = dr.compress(~alone)
-        index = np.array(left_over).astype(np.int64) + part.start
-        where = [dr.gather(jit.UInt32, column, left_over) for column in (at.subpixel, at.bin)]
-        others.append((index, *(np.array(column).astype(np.int64) for column in where)))
-
-    summed_light = np.array(light).reshape(-1, 4)
-    place = np.flatnonzero(summed_light[:, SHARE])
-    alone_sums = [*summed_light[place].T, *np.array(alpha_and_vergence).reshape(-1, 2)[place].T]
-    index, places, sample_bins = (np.concatenate(c) for c in zip(*others, strict=True))
-    other_place, other_layer, other_sums = _sorted_sums(
-        samples, subpixels, index, places, sample_bins
-    )
-    sums = [np.concatenate(columns) for columns in zip(alone_sums, other_sums, strict=True)]
-    hidden = np.concatenate([np.zeros(len(place), dtype=bool), other_layer > 0])
-    place = np.concatenate([place, other_place])
-    vergence = sums.pop() / sums[SHARE]
-    gap = np.zeros(len(vergence))
-    first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
-    gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    found = Fragments(
-        raster.width,
-        raster.height,
-        place % raster.width,
-        place // raster.width,
-        vergence,
-        np.stack(sums if alpha else sums[:-1], axis=1),
-        gap,
-        np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
-        bins.vergence_min,
-        bins.width,
-    )
-    return found.in_order()
-
-
-def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
-    """The fragments of ``samples``, as :func:`gather` made them, with their ``offset``."""
-    samples = one_subpixel_each(samples, subpixels).visible()
-    light = (samples.weight * samples.rgb.max(axis=1)).astype(np.float64)
-    left, top = samples.window[:2]
-    places, offsets = [], []
-    for at, start, count in (
-        (samples.x, left, fragments.width),
-        (samples.y, top, fragments.height),
-    ):
-        fine = (at.astype(np.float64) - start) * subpixels
-        places.append(np.clip(np.floor(fine), 0, count - 1))
-        offsets.append(fine - places[-1] - 0.5)
-    subpixel = (places[1] * fragments.width + places[0]).astype(np.int64)
-    size = fragments.width * fragments.height
-    total = np.bincount(subpixel, light, size)
-    own = fragments.subpixel
-    middle = [
-        np.bincount(subpixel, light * offset, size)[own] / np.where(total > 0, total, 1)[own]
-        for offset in offsets
-    ]
-    offset = np.clip(np.stack(middle, axis=1), -0.5, 0.5).astype(np.float32)
-    return dataclasses.replace(fragments, offset=offset)
 
 
 def scatter_mode() -> dr.ReduceMode:
@@ -307,110 +234,3 @@ def scatter_mode() -> dr.ReduceMode:
     if dr.backend_v(jit.Float) != dr.JitBackend.LLVM:
         return dr.ReduceMode.Auto
     return dr.ReduceMode.Expand if jit.evaluates_alone() else dr.ReduceMode.Direct
-
-
-def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:
-    """Samples of which each lies in one subpixel.
-
-    Samples of a lattice lie on the edges of several: each is replaced by four of a quarter of its
-    weight, of which those outside the window are left out.
-    """
-    if samples.lattice == 0:
-        return samples
-    nudge = 0.25 / max(samples.lattice, subpixels)
-    quarters = [
-        samples.replace(x=samples.x + dx, y=samples.y + dy, weight=samples.weight / 4)
-        for dx in (-nudge, nudge)
-        for dy in (-nudge, nudge)
-    ]
-    names = ("x", "y", "rgb", "alpha", "z", "surface", "weight", "layer")
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(q, name) for q in quarters]) for name in names
-    }
-    inside = samples.window.contains(columns["x"], columns["y"])
-    return samples.replace(**{name: column[inside] for name, column in columns.items()})
-
-
-class _Bins(NamedTuple):
-    """Where the bins of vergence begin, and how wide they are."""
-
-    vergence_min: float
-    width: float
-
-    @classmethod
-    def of(cls, samples: PointSamples, radius_per_vergence: float) -> _Bins:
-        ends = 1 / samples.z.max(), 1 / samples.z.min()
-        # Where depths are many circles apart, the bins are wider.
-        width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
-        return cls(float(ends[0]), width)
-
-
-class _Located(NamedTuple):
-    """Subpixel, vergence and bin of samples, and which of them the pinhole sees."""
-
-    subpixel: jit.UInt32
-    vergence: jit.Float
-    bin: jit.UInt32
-    visible: jit.Bool
-
-
-def _located(
-    samples: PointSamples, subpixels: int, raster: Window, bins: _Bins, part: slice
-) -> _Located:
-    left, top = samples.window[:2]
-    x = (jit.Float(samples.x[part]) - left) * subpixels
-    y = (jit.Float(samples.y[part]) - top) * subpixels
-    column = jit.UInt32(dr.clip(jit.Int32(dr.floor(x)), 0, raster.width - 1))
-    row = jit.UInt32(dr.clip(jit.Int32(dr.floor(y)), 0, raster.height - 1))
-    vergence = dr.rcp(jit.Float(samples.z[part]))
-    from_first = (vergence - bins.vergence_min) * dr.opaque(jit.Float, 1 / bins.width)
-    bin_ = dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
-    visible = jit.UInt8(samples.layer[part]) == 0
-    return _Located(row * raster.width + column, vergence, bin_, visible)
-
-
-def _scatter_alone(
-    light: jit.Float,
-    alpha_and_vergence: jit.Float,
-    samples: PointSamples,
-    part: slice,
-    subpixels: int,
-    at: _Located,
-    alone: jit.Bool,
-) -> None:
-    """Add the samples of subpixels that show one depth: R, G, B, share; and alpha, vergence."""
-    mode = scatter_mode()
-    weight = jit.Float(samples.weight[part]) * subpixels**2
-    red, green, blue = dr.unravel(jit.Array3f, jit.Float(samples.rgb[part].ravel()))
-    values = jit.Array4f(weight * red, weight * green, weight * blue, weight)
-    dr.scatter_add(light, values, at.subpixel, alone, mode=mode)
-    values = jit.Array2f(weight * jit.Float(samples.alpha[part]), weight * at.vergence)
-    dr.scatter_add(alpha_and_vergence, values, at.subpixel, alone, mode=mode)
-    dr.eval(light, alpha_and_vergence)
-
-
-def _sorted_sums(
-    samples: PointSamples,
-    subpixels: int,
-    index: np.ndarray,
-    places: np.ndarray,
-    bins: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Samples ``index`` summed by subpixel, depth layer and bin, by sorting.
-
-    Returns subpixel and layer of each sum, and the sums of R, G, B, share, alpha, vergence.
-    """
-    key = (places * 256 + samples.layer[index]) * (MAX_BINS + 1) + bins
-    keys, same = np.unique(key, return_inverse=True)
-    weight = samples.weight[index].astype(np.float64) * subpixels**2
-    sums = [
-        np.bincount(same, weight * column, len(keys))
-        for column in (
-            *samples.rgb[index].T,
-            np.ones_like(weight),
-            samples.alpha[index],
-            1 / samples.z[index],
-        )
-    ]
-    place_and_layer = keys // (MAX_BINS + 1)
-    return place_and_layer // 256, place_and_layer % 256, sums

@@ -20,11 +20,13 @@ from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
 from .exposure import Exposure
-from .fragments import gather, with_offsets
+from .film import FinePicture
+from .fragments import Fragments
+from .gathering import gather, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
 from .memo import Memo
 from .slices import DepthSlice, Fineness, plan
-from .splat import KernelImages, splat
+from .splat import SliceImages, splat
 
 SIMILAR_RADIUS = 0.025
 """Apertures whose radii differ by no more than this part see the same, as far as ``layered`` can
@@ -50,11 +52,11 @@ class Visibility(NamedTuple):
     exact: bool
 
 
-def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, np.ndarray]:
-    """The picture of the crop window on subpixels, float32 (height, width, 3 or 4).
+def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
+    """The picture of the crop window on subpixels, (height, width, 3 or 4).
 
-    Subpixels that no light reaches are 0. Also returns how densely each was sampled, float32
-    (height, width), 1 on the average: what it counts in its pixel.
+    Subpixels that no light reaches are 0. What each counts in its pixel is how densely it was
+    sampled, 1 on the average.
     """
     aperture = aperture_behind(exposure.psf)
     kept_radius = max(EXACT_KEPT_RADIUS * exposure.subpixels if how.exact else 0, aperture.finest)
@@ -64,24 +66,26 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> tuple[np.ndarray, n
     groups = plan(
         views, exposure.lens, exposure.psf, exposure.blur, exposure.subpixels_per_mm, fineness
     )
-    compositor = Compositor(exposure.crop, channels)
-    begun: list[tuple[DepthSlice, list[KernelImages]]] = []
+    density, moments = (
+        None if of is None else _cropped(of, exposure.crop) for of in (views.density, views.moments)
+    )
+    compositor = Compositor(exposure.crop, channels, exposure.subpixels, density, moments)
+    begun: list[tuple[DepthSlice, SliceImages]] = []
     for group in track(groups, "Focusing"):
         images = [(each, splat(each, channels)) for each in group]
         # While Dr.Jit makes the images of this group, those of the group before it are spread.
         compositor.put_behind([_light_of(*each) for each in begun])
         begun = images
     compositor.put_behind([_light_of(*each) for each in begun])
-    picture, lit = compositor.finished()
-    return picture, np.where(lit, _cropped(views.density, exposure.crop), 0)
+    return compositor.finished()
 
 
-def _cropped(density: np.ndarray, crop: Window) -> np.ndarray:
+def _cropped(array: np.ndarray, crop: Window) -> np.ndarray:
     """The part of an array of the samples' window that is in the crop; 0 where it is beyond."""
-    window = Window(0, 0, *density.shape[::-1])
-    cropped = np.zeros(crop.shape, density.dtype)
+    window = Window(0, 0, *array.shape[1::-1])
+    cropped = np.zeros((*crop.shape, *array.shape[2:]), array.dtype)
     shared = crop.intersection(window)
-    cropped[shared.slices_in(crop)] = density[shared.slices_in(window)]
+    cropped[shared.slices_in(crop)] = array[shared.slices_in(window)]
     return cropped
 
 
@@ -97,28 +101,34 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         radius = math.exp(round(math.log(radius) / step) * step)
     lens_points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
     diffracts = aperture.diffracts
-    about = (jit.name(), subpixels, alpha, radius, diffracts)
+    degree = 0 if diffracts else exposure.degree
+    about = (jit.name(), subpixels, alpha, radius, diffracts, degree)
+
+    def located(fragments: Fragments) -> Fragments:
+        return with_offsets(fragments, samples, subpixels)
 
     def fragments() -> Evened:
-        found, density = evened(gather(samples, subpixels, radius, alpha), subpixels)
-        if diffracts:
-            found = with_offsets(found, samples, subpixels)
-        return Evened(found, density)
+        found = evened(gather(samples, subpixels, radius, alpha, degree), subpixels)
+        return found._replace(fragments=located(found.fragments)) if diffracts else found
 
     def views() -> ViewPyramid:
-        known, density = memo.get(("fragments", about), fragments)
-        view = LensView.of(known, radius, lens_points, single_points=not diffracts)
-        return ViewPyramid(view, density)
+        known, density, moments = memo.get(("fragments", about), fragments)
+        single_points = not diffracts
+        view = LensView.of(known, radius, lens_points, single_points, located)
+        return ViewPyramid(view, density, moments)
 
     return memo.get(("view", about, lens_points), views)
 
 
-def _light_of(depth_slice: DepthSlice, images: list[KernelImages]) -> SpreadSlice:
+def _light_of(depth_slice: DepthSlice, images: SliceImages) -> SpreadSlice:
     """The light of a slice after its images were spread by their kernels and added up."""
     pairs = [
         (each.stack.image(index), kernel)
-        for each in images
+        for each in images.spread
         for index, kernel in enumerate(each.kernels)
     ]
     light = spread(*zip(*pairs, strict=True))
-    return SpreadSlice(light, depth_slice.box.left, depth_slice.box.top, depth_slice.resolution)
+    moments = [stack.image(0) for stack in images.moments]
+    box, resolution = depth_slice.box, depth_slice.resolution
+    is_sharp = depth_slice.octaves[0] == 0
+    return SpreadSlice(light, box.left, box.top, resolution, is_sharp, moments)

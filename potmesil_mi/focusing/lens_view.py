@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy.ndimage
@@ -20,7 +21,7 @@ from .fragments import SHARE, FragmentColumns, Fragments
 from .visibility import Jitter, visibility, visibility_of_highlights
 
 HIGHLIGHT_TO_MEDIAN = 8
-"""A highlight is so many times as bright as the median of all fragments, at least."""
+"""A highlight is so many times as bright as the median of what the pinhole sees, at least."""
 
 HIGHLIGHT_CONTRAST = 6
 """A highlight is so many times as bright as the mean of its neighbourhood, at least."""
@@ -119,10 +120,14 @@ class LensPoints:
 
 @dataclasses.dataclass(frozen=True)
 class OccludedColumns:
-    """Columns of :class:`Occluded` as Dr.Jit arrays; ``u``, ``v`` are the lens points."""
+    """Columns of :class:`Occluded` as Dr.Jit arrays; ``u``, ``v`` are the lens points.
+
+    ``seen_sum``, (N,), is the sum of what all lens points see of each fragment.
+    """
 
     fragments: FragmentColumns
     seen: jit.UInt8
+    seen_sum: jit.Float
     u: jit.Float
     v: jit.Float
 
@@ -169,8 +174,9 @@ class Occluded:
         share = np.float32(1 / (255 * len(self.points)))
         u, v = (jit.Float(column) for column in self.points.T.copy())
         return OccludedColumns(
-            FragmentColumns.of(self.fragments, self.fragments.values * share),
+            FragmentColumns.of(self.fragments.scaled(np.full(len(self.fragments), share))),
             jit.UInt8(self.seen.ravel()),
+            jit.Float(self.seen.sum(axis=1, dtype=np.float32)),
             u,
             v,
         )
@@ -203,11 +209,13 @@ class LensView:
         radius_per_vergence: float,
         lens_points: LensPoints,
         single_points: bool = True,
+        located: Callable[[Fragments], Fragments] = lambda highlights: highlights,
     ) -> LensView:
         """The view of ``fragments`` from the ``lens_points``.
 
         ``radius_per_vergence`` is the radius of the circle in subpixels per unit of vergence.
         Without ``single_points`` only fragments that are seen in part can be highlights.
+        ``located`` gives highlights their offsets.
         """
         coverable, seen = visibility(fragments, radius_per_vergence, lens_points.points)
         # The pinhole does see its samples: without a trace of them there might be black holes.
@@ -219,18 +227,16 @@ class LensView:
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
         bright = _is_highlight(fragments) & ((unoccluded & single_points) | occluded)
-        chosen, more = fragments.chosen(bright), lens_points.highlight_points
+        chosen, more = located(fragments.chosen(bright)), lens_points.highlight_points
         seen_of_chosen = visibility_of_highlights(
             fragments, chosen, radius_per_vergence, more, lens_points.cell
         )
         if lens_points.has_rim:
             seen_of_chosen *= lens_points.inside_rim(chosen, more)
         # The highlights' colours leave their shares of the subpixels behind.
-        colours, shares = chosen.values.copy(), fragments.values.copy()
-        colours[:, SHARE:] = 0
-        shares[bright, :SHARE] = 0
-        fragments = dataclasses.replace(fragments, values=shares)
-        chosen = dataclasses.replace(chosen, values=colours)
+        is_colour = np.arange(fragments.values.shape[1]) < SHARE
+        chosen = chosen.scaled(np.broadcast_to(is_colour, chosen.values.shape))
+        fragments = fragments.scaled(~(bright[:, None] & is_colour))
         return cls(
             fragments.chosen(unoccluded),
             Occluded(fragments.chosen(occluded), seen[occluded[coverable]], lens_points.points),
@@ -273,12 +279,15 @@ class LensView:
 class ViewPyramid:
     """A view, and coarser ones that are made when they are first asked for.
 
-    ``density`` is that of the samples, see :func:`potmesil_mi.focusing.density.evened`.
+    ``density`` and ``moments`` are those of the samples, see
+    :class:`potmesil_mi.focusing.density.Evened`.
     """
 
-    def __init__(self, finest: LensView, density: np.ndarray) -> None:
+    def __init__(
+        self, finest: LensView, density: np.ndarray | None, moments: np.ndarray | None
+    ) -> None:
         self._levels = {1: finest}
-        self.density = density
+        self.density, self.moments = density, moments
 
     def at(self, factor: int) -> LensView:
         """The view on subpixels, and in bins of depth, ``factor`` times as large."""
@@ -292,7 +301,8 @@ class ViewPyramid:
         finest = self._levels[1]
         views = list(self._levels.values())
         kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
-        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds))) + self.density.nbytes
+        of_samples = sum(of.nbytes for of in (self.density, self.moments) if of is not None)
+        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
 
 
 def _within_rim(
@@ -310,23 +320,30 @@ def _within_rim(
     seen_of_all *= inside
     unseen = ~seen_of_all.any(axis=1) & (fragments.gap_in_front == 0)
     seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
-    values = fragments.values * (count / inside.sum(axis=1, keepdims=True)).astype(np.float32)
     every_one = np.ones(len(fragments), dtype=bool)
-    return every_one, seen_of_all, dataclasses.replace(fragments, values=values)
+    return every_one, seen_of_all, fragments.scaled(count / inside.sum(axis=1))
 
 
 def _is_highlight(fragments: Fragments) -> np.ndarray:
-    """The fragments, bool (N,), much brighter than most and than what is around them.
+    """The fragments, bool (N,), much brighter than most subpixels and than what is around them.
 
-    There are at most ``MAX_HIGHLIGHTS``.
+    So are bright ones beside these: where such a thing ends in the middle of a subpixel it shows,
+    too. There are at most ``MAX_HIGHLIGHTS``.
     """
-    red, green, blue = fragments.values.T[:SHARE]
-    peak = np.maximum(np.maximum(red, green), blue)
-    picture = np.zeros((fragments.height, fragments.width), dtype=np.float32)
-    np.maximum.at(picture, (fragments.y, fragments.x), peak)
-    around = scipy.ndimage.uniform_filter(picture, NEIGHBOURHOOD)[fragments.y, fragments.x]
-    least = HIGHLIGHT_TO_MEDIAN * np.median(peak)
-    peak[peak < HIGHLIGHT_CONTRAST * around] = 0
-    if len(peak) > MAX_HIGHLIGHTS:
-        least = max(least, float(np.partition(peak, -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]))
-    return peak > least
+    # Samples of what is hidden may be more than fill a subpixel.
+    filled = np.maximum(fragments.values[:, SHARE], 1)
+    peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
+    subpixel, first = fragments.subpixel, fragments.gap_in_front == 0
+    shape = fragments.height, fragments.width
+    picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
+    around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
+    least = HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel])
+    bright = peak > least
+    stands_out = np.zeros(shape, dtype=bool)
+    stands_out.flat[subpixel[bright & (peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel])]] = (
+        True
+    )
+    bright &= scipy.ndimage.binary_dilation(stands_out, np.ones((3, 3))).ravel()[subpixel]
+    if bright.sum() > MAX_HIGHLIGHTS:
+        bright &= peak > np.partition(peak[bright], -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]
+    return bright

@@ -16,6 +16,7 @@ from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
 from . import equation20, layered
 from .exposure import Exposure
+from .film import FinePicture
 from .memo import Memo
 
 MethodName = Literal["layered", "lightfield", "paper"]
@@ -44,11 +45,12 @@ class Method(Spec, family="method"):
     squares: int | None = None
     """Subpixels on a side of a pixel; ``None`` for :meth:`default_squares`."""
 
-    def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
+    def form(self, exposure: Exposure, memo: Memo) -> FinePicture | tuple[np.ndarray, np.ndarray]:
         """The picture of ``exposure`` on subpixels, and what each of them counts in its pixel.
 
         Returns float (height, width, 3 or 4) of the crop window in subpixels, linear RGB and
-        alpha if it was asked for, and float (height, width). ``memo`` keeps what was found out.
+        alpha if it was asked for, and float (height, width); or these with their moments.
+        ``memo`` keeps what was found out.
         """
         raise NotImplementedError
 
@@ -76,7 +78,7 @@ class _Visible(Method):
             require_whole("lens_points", self.lens_points, 1, MAX_LENS_POINTS)
         _check_squares(self.squares)
 
-    def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
+    def form(self, exposure: Exposure, memo: Memo) -> FinePicture:
         """See :meth:`Method.form`."""
         points = self.lens_points
         if points is None:

@@ -24,7 +24,7 @@ from ..optics.telecentric import (
 )
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
-from .film import ReconstructionFilter, reconstruct
+from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
 from .methods import Method, MethodName
 from .telecentric import changed, require_usable
@@ -164,12 +164,14 @@ def form_picture(
         owned = memo
         if picture_of is not None:
             samples, memo = changed(samples, picture_of, memo)
+        degree = degree_of(rfilter, subpixels)
         exposures = [
-            Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None)
+            Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None, degree)
             for each in channels
         ]
         pictures = [
-            reconstruct(*method.form(exposure, memo), subpixels, rfilter) for exposure in exposures
+            reconstruct(FinePicture(*method.form(exposure, memo)), subpixels, rfilter)
+            for exposure in exposures
         ]
         picture = pictures[0]
         if len(pictures) == 3:  # Alpha is that of green.

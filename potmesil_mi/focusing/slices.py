@@ -132,6 +132,8 @@ class DepthSlice:
                                   one size
     ``smeared``                   variance, in pixels squared, with which the images are spread
                                   by the pixels' size and by interpolation between them
+    ``moments``                   how many moments tell where in a pixel light is: those of the
+                                  fragments where circles are about as small, else 0
     ``circles``                   the unoccluded fragments
     ``points``                    occluded fragments, and highlights
     ============================  ==========================================================
@@ -142,6 +144,7 @@ class DepthSlice:
     blur: Blur
     octaves: list[float]
     smeared: float
+    moments: int
     circles: CirclePlan
     points: list[PointPlan]
 
@@ -267,6 +270,7 @@ class _SlicePlanner:
             self.blur,
             octaves,
             self.factory.smeared,
+            self._moments(),
             circles,
             [
                 self._points(some, part, pixel, radius, octaves)
@@ -276,6 +280,10 @@ class _SlicePlanner:
                 if part.start < part.stop
             ],
         )
+
+    def _moments(self) -> int:
+        moments = self.view.unoccluded.moments
+        return 0 if moments is None or self.inner > 0 else moments.shape[1]
 
     def _circles(self, is_small: bool) -> CirclePlan:
         radii = self._kernel_radii(is_small)

@@ -20,7 +20,11 @@ from .. import _backend as jit
 from ..optics.blur import Blur
 from ..samples.raster import Window
 from .fragments import FragmentColumns, scatter_mode
+from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
+
+LEAST_WIDTH = 0.05
+"""Width in subpixels of light at the edge of one."""
 
 
 class ImageStack:
@@ -41,18 +45,20 @@ class ImageStack:
         active: jit.Bool = True,
         *,
         only_colours: bool = False,
+        term: int = 0,
     ) -> None:
         """Add the ``share`` of fragments' values at their ``place`` in the images, one after other.
 
-        With ``only_colours`` neither the share of the area nor alpha is added.
+        With ``only_colours`` neither the share of the area nor alpha is added. From ``term`` 1 on
+        these are not the values but their moments.
         """
         mode = scatter_mode()
-        values = dr.gather(jit.Array4f, columns.values, fragment, active)
+        values = dr.gather(jit.Array4f, columns.values[term], fragment, active)
         if only_colours:
             values.w = 0
         dr.scatter_add(self.colours, values * share, place, active, mode=mode)
         if self.alpha is not None and not only_colours:
-            values = dr.gather(jit.Float, columns.alpha, fragment, active)
+            values = dr.gather(jit.Float, columns.alpha[term], fragment, active)
             dr.scatter_add(self.alpha, values * share, place, active, mode=mode)
 
     def start(self) -> None:
@@ -78,13 +84,47 @@ class KernelImages(NamedTuple):
     kernels: list[np.ndarray]
 
 
-def splat(depth_slice: DepthSlice, channels: int) -> list[KernelImages]:
+class SliceImages(NamedTuple):
+    """The images of a slice; those of its ``moments``, one stack for each, are not spread."""
+
+    spread: list[KernelImages]
+    moments: list[ImageStack]
+
+
+def splat(depth_slice: DepthSlice, channels: int) -> SliceImages:
     """The images of a slice, whose making is begun and not waited for."""
     images = []
     if depth_slice.circles.part.start < depth_slice.circles.part.stop:
         images.append(_splat_circles(depth_slice, depth_slice.circles, channels))
-    images += [_splat_points(depth_slice, each, channels) for each in depth_slice.points]
-    return images
+    moments = _splat_moments(depth_slice, channels)
+    images += [_splat_points(depth_slice, each, channels, moments) for each in depth_slice.points]
+    for stack in moments:
+        stack.start()
+    return SliceImages(images, moments)
+
+
+def _splat_moments(depth_slice: DepthSlice, channels: int) -> list[ImageStack]:
+    """The moments of the fragments of a slice, whose circles are hardly larger than a pixel.
+
+    They stay where they are: spreading light by something symmetric leaves its middle in place.
+    Those of fragments that have an offset are left out.
+    """
+    circles, box = depth_slice.circles, depth_slice.box
+    kinds = [(circles.fragments.on_device, circles.part, None)]
+    for each in depth_slice.points:
+        on_device = each.occluded.on_device
+        kinds.append((on_device.fragments, each.part, on_device.seen_sum))
+    stacks = [ImageStack(1, box, channels) for _ in range(depth_slice.moments)]
+    for columns, part, seen in kinds:
+        if not stacks or part.start == part.stop or columns.offset is not None:
+            continue
+        fragment = dr.arange(jit.UInt32, part.stop - part.start)
+        fragment += dr.opaque(jit.UInt32, part.start)
+        share = jit.Float(1) if seen is None else dr.gather(jit.Float, seen, fragment)
+        place = _place(columns, fragment, box)
+        for term, stack in enumerate(stacks, 1):
+            stack.add(columns, fragment, place, share, term=term)
+    return stacks
 
 
 def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) -> KernelImages:
@@ -150,8 +190,13 @@ def _moved(circles: CirclePlan, width: int) -> Iterator[tuple[jit.Int32, jit.Flo
         yield jit.Int32(int(dy) * width + int(dx)), jit.Float(share.astype(np.float32))
 
 
-def _splat_points(depth_slice: DepthSlice, points: PointPlan, channels: int) -> KernelImages:
-    """Occluded fragments in images of the octaves of their circles, a share for each lens point."""
+def _splat_points(
+    depth_slice: DepthSlice, points: PointPlan, channels: int, moments: list[ImageStack]
+) -> KernelImages:
+    """Occluded fragments in images of the octaves of their circles, a share for each lens point.
+
+    The ``moments`` of what lens points make of fragments with an offset are added to these.
+    """
     occluded, part, box = points.occluded, points.part, depth_slice.box
     on_device, count = occluded.on_device, len(occluded.points)
     columns = on_device.fragments
@@ -170,26 +215,78 @@ def _splat_points(depth_slice: DepthSlice, points: PointPlan, channels: int) -> 
         u, v = occluded.jitter.moved(u, v, point, fragment)
     # From the middle of the fragment's subpixel, in pixels; there it is the middle again.
     own = dr.opaque(jit.Float, 1 / points.pixel)
+    offset, wide = _offset(columns, fragment, depth_slice)
     x, y = (
-        dr.fma(jit.Float(dr.gather(jit.Int32, column, fragment)) + 0.5, own, -0.5)
+        dr.fma(jit.Float(dr.gather(jit.Int32, column, fragment)) + 0.5 + moved, own, -0.5)
         - dr.opaque(jit.Float, first)
         + radius * lens
-        for column, first, lens in ((columns.x, box.left, u), (columns.y, box.top, v))
+        for column, moved, first, lens in (
+            (columns.x, offset[0], box.left, u),
+            (columns.y, offset[1], box.top, v),
+        )
     )
     x0, y0 = dr.floor(x), dr.floor(y)
-    fx, fy = x - x0, y - y0
     width = dr.opaque(jit.UInt32, box.width)
     place = jit.UInt32(y0) * width + jit.UInt32(x0)
     for edge in depth_slice.octaves[1:]:
         beyond = dr.abs(radius) >= dr.opaque(jit.Float, edge)
         place += dr.select(beyond, dr.opaque(jit.UInt32, box.size), 0)
     seen *= own * own
-    for dx, share_x in ((0, 1 - fx), (1, fx)):
-        for dy, share_y in ((0, 1 - fy), (1, fy)):
-            beside = place + dy * width + dx
-            stack.add(columns, fragment, beside, share_x * share_y * seen, seen > 0)
+    added = orders(degree_with(len(moments))) if columns.offset is not None else []
+    for across, down in itertools.product(_parts(x - x0, wide[0]), _parts(y - y0, wide[1])):
+        beside = place + down.step * width + across.step
+        share = across.share * down.share * seen
+        stack.add(columns, fragment, beside, share, seen > 0)
+        for (i, j), moment in zip(added, moments, strict=False):
+            there = share * across.means[i] * down.means[j]
+            moment.add(columns, fragment, beside, there, seen > 0)
     stack.start()
     return KernelImages(stack, points.kernels)
+
+
+class _Part(NamedTuple):
+    """The part of something that falls into one of two pixels beside each other.
+
+    ``step`` is 0 or 1, ``share`` how much of it there is, and ``means`` are those of the Legendre
+    polynomials of order 0 to 2 over it.
+    """
+
+    step: int
+    share: jit.Float
+    means: tuple[jit.Float, jit.Float, jit.Float]
+
+
+def _parts(middle: jit.Float, wide: jit.Float) -> list[_Part]:
+    """The parts of what is ``wide``, up to a pixel, around ``middle``, from 0 to 1.
+
+    It is counted from the middle of the first pixel.
+    """
+    begin, end = middle - wide / 2, middle + wide / 2
+    parts = []
+    for step, first, last in (
+        (0, begin, dr.minimum(end, 0.5)),
+        (1, dr.maximum(begin, 0.5), end),
+    ):
+        share = dr.maximum(last - first, 0) / wide
+        a, b = 2 * (first - step), 2 * (last - step)
+        means = (jit.Float(1), (a + b) / 2, (a * a + a * b + b * b - 1) / 2)
+        parts.append(_Part(step, share, means))
+    return parts
+
+
+def _offset(
+    columns: FragmentColumns, fragment: jit.UInt32, depth_slice: DepthSlice
+) -> tuple[list[jit.Float], list[jit.Float]]:
+    """Where in a subpixel its light is, across and down, and how wide it is; in subpixels.
+
+    What is off the middle does not fill the subpixel: it reaches to its nearer edge.
+    """
+    if columns.offset is None:
+        return [jit.Float(0)] * 2, [jit.Float(1)] * 2
+    offset = [dr.gather(jit.Float, of, fragment) for of in columns.offset]
+    if depth_slice.resolution > 1:
+        return offset, [jit.Float(1)] * 2
+    return offset, [dr.maximum(1 - 2 * dr.abs(of), LEAST_WIDTH) for of in offset]
 
 
 def _without_cell(radius: jit.Float, cell: float, smeared: float) -> jit.Float:

@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.focusing import fragments as fragments_module
-from potmesil_mi.focusing.fragments import BIN_RADIUS, MAX_BINS, SHARE, gather
+from potmesil_mi.focusing import gathering as gathering_module
+from potmesil_mi.focusing.fragments import BIN_RADIUS, MAX_BINS, SHARE
+from potmesil_mi.focusing.gathering import gather
 from scenes import overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -62,7 +63,7 @@ def test_every_subpixel_keeps_its_own_light():
 def test_gathering_in_parts_gives_the_same(monkeypatch):
     samples = every_kind()
     at_once = gather(samples, 1, 3.0, alpha=True)
-    monkeypatch.setattr(fragments_module, "GATHERED_AT_ONCE", 1234)
+    monkeypatch.setattr(gathering_module, "GATHERED_AT_ONCE", 1234)
     in_parts = gather(samples, 1, 3.0, alpha=True)
     for name in ("x", "y", "bin"):
         np.testing.assert_array_equal(getattr(in_parts, name), getattr(at_once, name))

@@ -12,7 +12,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import _backend
-from potmesil_mi.focusing.fragments import gather
+from potmesil_mi.focusing.gathering import gather
 from potmesil_mi.focusing.memo import Memo
 from scenes import overscanned, synthetic
 

@@ -7,7 +7,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.focusing import visibility as visibility_module
 from potmesil_mi.focusing.density import evened
-from potmesil_mi.focusing.fragments import gather
+from potmesil_mi.focusing.gathering import gather
 from potmesil_mi.focusing.visibility import visibility, visibility_of_highlights
 from potmesil_mi.optics.disc import lens_points
 from scenes import synthetic
