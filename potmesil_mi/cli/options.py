@@ -20,7 +20,7 @@ SAMPLING_OPTIONS = {
     "pattern": "where the image is sampled",
     "threshold": "adaptive: intensity difference that is subdivided",
     "subdivisions": "adaptive: most subdivisions, 0 to 8",
-    "layers": "surfaces along a ray, for what near edges uncover (default 2)",
+    "layers": "most surfaces along a ray that are sampled, where the lens sees them (default 16)",
     "overscan": "beyond each side (default: as far as circles of confusion reach)",
     "min_f_number": "widest aperture that the samples must serve (default: the lens's)",
     "virtual_depth": "what is seen in mirrors has the depth of its image (default: yes)",

@@ -57,8 +57,8 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - ``adaptive``: most subdivisions of a pixel, 0 to 8. (Default: 2)
      * - layers
        - |int|
-       - Surfaces along a ray that are sampled, 1 to 16: those behind the first only where the
-         lens can see them past a nearer edge. Not in the film's channels. (Default: 2)
+       - Most surfaces along a ray that are sampled, 1 to 16: those behind the first only where a
+         ray from some point of the lens reaches them. Not in the film's channels. (Default: 16)
      * - overscan
        - |int|
        - Pixels sampled beyond each side of the crop window, 0 to 10000. Not in the film's
