@@ -41,7 +41,7 @@ def looked_at(directions=(0, 0, 1), near=0.01, axis=(0, 0, 1), bounces=8, **shap
     d = mi.Vector3f(np.reshape(directions, (3, -1)).astype(np.float32))
     ray = mi.Ray3f(mi.Point3f(near * d), mi.Vector3f(d / mi.Float(np.linalg.norm(d, axis=0))))
     hit = scene.ray_intersect(ray)
-    depth, last, mirrored = trace_visible(scene, [0, 0, 0], ray, hit, axis, bounces=bounces)
+    depth, last, mirrored, _ = trace_visible(scene, [0, 0, 0], ray, hit, axis, bounces=bounces)
     names = np.full(len(depth), "", dtype=object)
     for shape in scene.shapes():
         names[np.array(last.is_valid() & (last.shape == mi.ShapePtr(shape)))] = shape.id()
