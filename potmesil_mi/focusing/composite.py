@@ -26,6 +26,10 @@ FAINTEST_BLUR = 1e-2
 """Share of a subpixel below which the colour of what is blurred is not told from rounding."""
 
 
+MOST_SHARPENED = 0.25
+"""Part of its light by which a subpixel is made darker for one beside it, at most."""
+
+
 class SpreadSlice(NamedTuple):
     """The light of a depth slice after it was spread.
 
@@ -142,14 +146,17 @@ class Compositor:
         blurred = _sharpened(blurred, rest > 0.5)
         picture = sharp[..., colours] + rest * blurred
         scale *= weight
-        moments = []
-        for total, of_samples in zip(self.sharp[1:], self.moments, strict=True):
-            of_sharp = total * scale
-            of_all = of_samples[..., None] * weight
-            left = of_all - of_sharp[..., SHARE, None]
-            light = of_sharp[..., colours] + left * blurred
-            moments.append(np.concatenate([light, of_all], axis=-1))
-        return FinePicture(picture, weight[..., 0], moments)
+        moments = np.empty((len(self.moments), *picture.shape[:2], len(colours) + 1), np.float32)
+        for start in range(0, len(picture), ROWS):
+            rows = slice(start, start + ROWS)
+            for to, total, of_samples in zip(moments, self.sharp[1:], self.moments, strict=True):
+                of_sharp = total[rows] * scale[rows]
+                np.multiply(of_samples[rows], weight[rows, :, 0], out=to[rows, :, -1])
+                left = to[rows, :, -1] - of_sharp[..., SHARE]
+                for channel, of in enumerate(colours):
+                    np.multiply(left, blurred[rows, :, channel], out=to[rows, :, channel])
+                    to[rows, :, channel] += of_sharp[..., of]
+        return FinePicture(picture, weight[..., 0], list(moments))
 
     def _counts(self, sharp: np.ndarray) -> np.ndarray:
         """What subpixels, of which a share is ``sharp``, (H, W), count in their pixels.
@@ -166,13 +173,16 @@ class Compositor:
 def _sharpened(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
     """What a picture was before it was twice spread by a subpixel, where it is ``known``.
 
-    Gathering spread it, and the film takes the mean of its filter over a subpixel.
+    Gathering spread it, and the film takes the mean of its filter over a subpixel. Beside something
+    far brighter what is dark stays nearly as it is.
     """
     result = picture.copy()
     for axis in (0, 1):
-        of, to = np.moveaxis(picture, axis, 0), np.moveaxis(result, axis, 0)
-        there = np.moveaxis(known, axis, 0)
-        step = (of[1:] - of[:-1]) * (there[1:] & there[:-1]) * of.dtype.type(SUBPIXEL_VARIANCE)
+        of, to, there = (np.moveaxis(each, axis, 0) for each in (picture, result, known))
+        step = (of[1:] - of[:-1]) * of.dtype.type(SUBPIXEL_VARIANCE)
+        most = np.minimum(of[1:], of[:-1]) * of.dtype.type(MOST_SHARPENED)
+        np.clip(step, -most, most, out=step)
+        step *= there[1:] & there[:-1]
         to[1:] += step
         to[:-1] -= step
     return result

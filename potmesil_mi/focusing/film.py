@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from .. import _backend as jit
+from .convolve import ROWS
 from .moments import degree_for, degree_with, orders, responses
 
 
@@ -78,8 +79,10 @@ def reconstruct(
     total = np.zeros((height // subpixels, width // subpixels, channels), light.dtype)
     for j in range(degree + 1):
         across = np.zeros((height, width // subpixels, channels), light.dtype)
-        for i in range(degree + 1 - j):
-            _add_filtered(across, every[i, j], 1, taps[i], subpixels)
+        for start in range(0, height, ROWS):
+            rows = slice(start, start + ROWS)
+            for i in range(degree + 1 - j):
+                _add_filtered(across[rows], every[i, j][rows], 1, taps[i], subpixels)
         _add_filtered(total, across, 0, taps[j], subpixels)
     weight = total[..., -1:]
     return total[..., :-1] / np.where(weight == 0, 1, weight)

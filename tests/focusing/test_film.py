@@ -130,3 +130,49 @@ def test_responses_that_are_polynomials_are_met(degree):
     for n, middle in enumerate(middles):
         fitted = sum(found[k, n] * legendre(k, at) for k in range(degree + 1))
         np.testing.assert_allclose(fitted, response(middle + at / 4), rtol=1e-12)
+
+
+# ---------------------------------------------------------------- ends of bright things
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["box", "gaussian"])
+@pytest.mark.parametrize("radius", [0.3, 0.6, 1.0, 2.0])
+def test_a_bright_light_out_of_focus_ends_where_its_circles_end(method, name, radius):
+    # A lamp a thousand times as bright as the wall beside it; its end is within a pixel.
+    size, end, per_side = (48, 24), 24.25, 8
+    x, y = (
+        (axis.ravel() + 0.5) / per_side
+        for axis in np.meshgrid(np.arange(size[0] * per_side), np.arange(size[1] * per_side))
+    )
+    lamp = (x > 20) & (x < end) & (np.abs(y - 12) < 6)
+    samples = synthetic(
+        len(x),
+        size=size,
+        x=x,
+        y=y,
+        z=np.full(len(x), 2.0),
+        rgb=np.where(lamp, 20.0, 0.02)[:, None] * np.ones(3),
+        weight=np.full(len(x), per_side**-2.0),
+    )
+    lens = pm.ThinLens(
+        50.0,
+        aperture_radius=4 * radius / samples.camera.focal_length_pixels,
+        focus_distance=4.0,
+        millimeters_per_unit=1000.0,
+    )
+    rfilter = mi.load_dict({"type": name})
+    image = np.array(pm.focus(samples, lens, method=method, rfilter=rfilter))[12, 22:29, 0]
+    # The light along a row is the lamp's, spread by a disc as a row sees it, then by the filter.
+    step = 1 / 64
+    at = np.arange(-4, 4, step) + step / 2
+    disc = np.sqrt(np.maximum(radius**2 - at**2, 0))
+    along = np.arange(12, 38, step) + step / 2
+    light = np.where((along > 20) & (along < end), 20.0, 0.02)
+    for spread in (disc, np.array(rfilter.eval(mi.Float(at)))):
+        light = np.convolve(light, spread / spread.sum(), mode="same")
+    expected = np.interp(np.arange(22, 29) + 0.5, along, light)
+    # To 3 % of the lamp, and beyond its light it is not seen at all.
+    np.testing.assert_allclose(image, expected, atol=0.6)
+    beyond = np.arange(22, 29) > end + radius + rfilter.radius()
+    np.testing.assert_allclose(image[beyond], 0.02, atol=0.01)

@@ -105,7 +105,8 @@ def test_what_is_infinitely_far_has_no_vergence():
     samples = synthetic(500, z=np.full(500, np.inf))
     fragments = gather(samples, 1, 3.0)
     assert not fragments.vergence.any()
-    both = synthetic(500, z=np.where(np.arange(500) % 2, np.inf, 1.0))
+    z = np.where(np.arange(500) % 2, np.inf, 1.0)
+    both = synthetic(500, z=z, weight=np.full(500, 0.5))
     fragments = gather(both, 1, 3.0)
     assert (fragments.vergence.min(), fragments.vergence.max()) == (0, 1)
 
