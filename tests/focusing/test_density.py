@@ -1,5 +1,6 @@
 """Density: what chance does to samples changes neither what is covered nor how bright it is."""
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -147,3 +148,52 @@ def test_samples_at_random_make_nothing_darker_or_brighter(method, squares, per_
             # Of whole periods, away from the ends of the film.
             mean = image[2:-2, PERIOD:-PERIOD].mean()
             assert mean == pytest.approx(expected, abs=0.01), (bright, focused)
+
+
+def dark_balls_before_a_bright_wall(sampler, focused):
+    transform = mi.ScalarTransform4f()
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2},
+            "sensor": {
+                "type": "thinlens",
+                "fov": 40,
+                "aperture_radius": 0.08,
+                "focus_distance": focused,
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 32,
+                    "height": 32,
+                    "pixel_format": "luminance",
+                    "rfilter": {"type": "box"},
+                },
+                "sampler": {"type": sampler, "sample_count": 16},
+            },
+            "wall": {
+                "type": "rectangle",
+                "to_world": transform.translate([0, 0, FAR]).rotate([0, 1, 0], 180).scale(4),
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+            },
+            **{
+                f"ball_{i}": {
+                    "type": "sphere",
+                    "center": [(i % 4 - 1.5) / 6, (i // 4 - 1.5) / 6, NEAR],
+                    "radius": 0.05,
+                    "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
+                }
+                for i in range(16)
+            },
+        }
+    )
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "multijitter", "ldsampler"])
+@pytest.mark.parametrize("focused", [NEAR, FAR])
+def test_with_every_sampler_the_picture_is_as_bright_as_a_ray_traced_one(sampler, focused):
+    scene = dark_balls_before_a_bright_wall(sampler, focused)
+    traced = np.array(mi.render(scene, spp=512)).mean()
+    samples = pm.render_samples(scene, spp=16)
+    for method, squares in (("layered", None), ("layered", 4), ("lightfield", None)):
+        image = np.array(pm.focus(samples, method=method, squares=squares))
+        assert image.mean() == pytest.approx(traced, abs=0.008), (method, squares)
