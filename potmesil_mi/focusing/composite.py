@@ -22,6 +22,9 @@ FAINTEST = 1e-5
 """Share of a subpixel below which nothing is told from the rounding of the transforms."""
 
 
+MOST_FILLED = 0.5
+"""Part by which light behind what is sharp is made brighter to fill a subpixel, at most."""
+
 FAINTEST_BLUR = 1e-2
 """Share of a subpixel below which the colour of what is blurred is not told from rounding."""
 
@@ -67,6 +70,8 @@ class Compositor:
         self.moments = [] if moments is None else list(np.moveaxis(moments, -1, 0))
         # What is covered adds up in the column of shares.
         self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
+        # What there was in the total when what is sharp had been added.
+        self.up_to_sharp: np.ndarray | None = None
         # Of what is sharp: its part of the total, and each moment.
         terms = 0 if density is None and not self.moments else 1 + len(self.moments)
         self.sharp = np.zeros((terms, *crop.shape, channels), dtype=np.float32)
@@ -88,6 +93,8 @@ class Compositor:
                 self._admit(light, rows, sharp)
             else:
                 self._admit(self._sum(parts, rows), rows)
+        if any(each.is_sharp for each in slices):
+            self.up_to_sharp = self.total.copy()
 
     def _sum(self, parts: Sequence[_Overlap], rows: Window) -> np.ndarray:
         """The light of several parts in some rows, float32 (H, W, C)."""
@@ -117,6 +124,7 @@ class Compositor:
 
     def finished(self) -> FinePicture:
         """The picture. Where no light came it is 0 and counts nothing."""
+        self._fill()
         colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
         lit = self.total[..., SHARE] > FAINTEST
         picture = np.empty((*lit.shape, len(colours)), dtype=np.float32)
@@ -128,6 +136,21 @@ class Compositor:
         if len(self.sharp) == 0:
             return FinePicture(picture, lit.astype(np.float32))
         return self._placed(picture, lit.astype(np.float32)[..., None], colours)
+
+    def _fill(self) -> None:
+        """Let what is behind what is sharp fill the subpixels, as far as something is there.
+
+        What is sharp covers just what its samples say. What shows beside it is known less well: at
+        an edge a little of it is missing, and more of the edge is not to show instead.
+        """
+        if self.up_to_sharp is None:
+            return
+        for start in range(0, len(self.total), ROWS):
+            total = self.total[start : start + ROWS]
+            behind = total - self.up_to_sharp[start : start + ROWS]
+            share = np.maximum(behind[..., SHARE], FAINTEST)
+            more = np.clip((1 - total[..., SHARE]) / share, 0, MOST_FILLED)
+            total += behind * more[..., None]
 
     def _placed(self, picture: np.ndarray, lit: np.ndarray, colours: list[int]) -> FinePicture:
         """The picture with its weights and moments.

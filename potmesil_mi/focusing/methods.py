@@ -32,6 +32,16 @@ PAPERS_TABLES = 73
 VIGNETTING_LENS_POINTS = 128
 """Lens points, at least, with vignetting: what the rim of the lens cuts is all formed by points."""
 
+CROWDED = 0.25
+"""Hidden samples for each visible one from which on a scene is crowded with things that the lens
+sees past, such as hair or twigs."""
+
+CROWDED_SQUARES = 2
+"""Subpixels on a side of a pixel of ``layered`` in crowded scenes."""
+
+CROWDED_LENS_POINTS = 64
+"""Lens points of ``layered`` in crowded scenes."""
+
 DIFFRACTION_SQUARES = 2
 """Subpixels on a side of a pixel where light diffracts."""
 
@@ -83,17 +93,25 @@ class _Visible(Method):
         points = self.lens_points
         if points is None:
             least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
-            points = max(self.usual_lens_points, least)
+            points = max(self.points_for(exposure.samples), least)
         return layered.form(exposure, memo, layered.Visibility(points, self.exact))
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
         diffracts = aperture_behind(psf).diffracts
-        squares = DIFFRACTION_SQUARES if diffracts else self.usual_squares
+        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples)
         # Subpixels without a sample show nothing. Beyond the crop window samples may be sparse.
         crop = samples.crop_window
         own = np.count_nonzero(crop.shows(samples.x, samples.y, samples.window))
         return max(1, min(squares, math.isqrt(own // crop.size)))
+
+    def points_for(self, samples: PointSamples) -> int:
+        """Lens points for ``samples``, unless ``lens_points`` says it."""
+        return self.usual_lens_points
+
+    def squares_for(self, samples: PointSamples) -> int:
+        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
+        return self.usual_squares
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,16 +122,32 @@ class Layered(_Visible):
     Parameter                     Meaning
     ============================  ==========================================================
     ``lens_points``               points of the lens from which visibility is found, 1 to 4096
-                                  (default 32, with vignetting 128)
-    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1, with
-                                  diffraction 2)
+                                  (default 32, in crowded scenes 64, with vignetting 128)
+    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1, in crowded
+                                  scenes and with diffraction 2)
     ============================  ==========================================================
+
+    A scene is crowded where for every four samples that the pinhole sees there is a hidden one,
+    as behind hair.
     """
 
     name: ClassVar[str] = "layered"
     usual_lens_points: ClassVar[int] = 32
     usual_squares: ClassVar[int] = 1
     exact: ClassVar[bool] = False
+
+    def points_for(self, samples: PointSamples) -> int:
+        """Lens points for ``samples``, unless ``lens_points`` says it."""
+        return CROWDED_LENS_POINTS if _is_crowded(samples) else self.usual_lens_points
+
+    def squares_for(self, samples: PointSamples) -> int:
+        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
+        return CROWDED_SQUARES if _is_crowded(samples) else self.usual_squares
+
+
+def _is_crowded(samples: PointSamples) -> bool:
+    """Whether so much is hidden that thin things cover each other in most pixels."""
+    return np.count_nonzero(samples.layer) >= CROWDED * np.count_nonzero(samples.layer == 0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -65,3 +65,25 @@ def test_a_slice_beside_the_picture_changes_nothing():
     both = composited([flat(GREEN, 1.0, left=40)], [flat(RED, 0.5)])
     for one, other in zip(alone, both, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def sharp(colour, share):
+    return flat(colour, share)._replace(is_sharp=True)
+
+
+def test_what_is_missing_behind_something_sharp_is_not_made_up_by_that():
+    picture, weights = composited([sharp(RED, 0.25)], [flat(GREEN, 0.6)])
+    np.testing.assert_allclose(picture[..., :2], np.broadcast_to([0.25, 0.75], (14, 20, 2)))
+    np.testing.assert_array_equal(weights, 1)
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.01])
+def test_where_next_to_nothing_is_behind_something_sharp_that_is_shown(behind):
+    picture, _ = composited([sharp(RED, 0.5)], [flat(GREEN, behind)])
+    share = 1.5 * behind
+    np.testing.assert_allclose(picture[..., 1], share / (0.5 + share), rtol=1e-5, atol=1e-7)
+
+
+def test_what_is_before_something_sharp_and_the_sharp_share_what_is_missing():
+    picture, _ = composited([flat(GREEN, 0.3)], [sharp(RED, 0.6)])
+    np.testing.assert_allclose(picture[..., 0], 2 / 3, rtol=1e-6)
