@@ -147,7 +147,8 @@ class Layered(_Visible):
 
 def _is_crowded(samples: PointSamples) -> bool:
     """Whether so much is hidden that thin things cover each other in most pixels."""
-    return np.count_nonzero(samples.layer) >= CROWDED * np.count_nonzero(samples.layer == 0)
+    hidden = np.count_nonzero(samples.layer)
+    return bool(hidden >= CROWDED * (len(samples) - hidden))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -101,3 +101,18 @@ def test_the_paper_refuses_vignetting_before_anything_is_formed():
     samples = synthetic()
     with pytest.raises(ValueError, match=r"vignetting=0\.5"):
         pm.focus(samples, samples.lens.replace(vignetting=0.5), method="paper")
+
+
+def test_layered_looks_closer_where_much_is_hidden():
+    """A crowded scene is seen from more points on a finer raster; lightfield is fine already."""
+    samples = overscanned(20_000)
+    crowd = samples.replace(layer=(np.arange(len(samples)) % 4 == 3).astype(np.uint8))
+    few = samples.replace(layer=(np.arange(len(samples)) % 8 == 7).astype(np.uint8))
+    psf = crowd.lens.aperture
+    for method, squares, points in (
+        (pm.Layered(), (1, 2), (32, 64)),
+        (pm.LightField(), (2, 2), (128, 128)),
+    ):
+        both = few, crowd
+        assert tuple(method.default_squares(each, psf) for each in both) == squares
+        assert tuple(method.points_for(each) for each in both) == points
