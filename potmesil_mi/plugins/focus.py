@@ -38,7 +38,7 @@ class FocusIntegrator(WrapperIntegrator):
      * - lens_points
        - |int|
        - ``layered``, ``lightfield``: points of the lens from which visibility is found, 1 to
-         4096. (Default: 32 and 128)
+         4096. (Default: 32, in crowded scenes 64; and 128)
      * - tables
        - |int|
        - ``paper``: number of depths with a table of the circle of confusion, 2 to 10000.
@@ -49,7 +49,7 @@ class FocusIntegrator(WrapperIntegrator):
      * - squares
        - |int|
        - Subpixels on a side of a pixel that are formed and averaged, 1 to 16.
-         (Default: 1 for ``layered``, 2 for the others)
+         (Default: 1 for ``layered``, in crowded scenes 2; 2 for the others)
      * - filter, filter_2, ...
        - |string|
        - Special effects for the finished picture, in the order of their numbers, of names that
