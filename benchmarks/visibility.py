@@ -87,7 +87,7 @@ CASES = {
         file="thicket.xml",
         res=256,
         settings=((2.8, 500), (5.6, 1200)),
-        goals={"layered": 42, "lightfield": 43},
+        goals={"layered": 42, "lightfield": 46},
     ),
     "room": Case(
         file="room.xml",
