@@ -59,7 +59,7 @@ def __getattr__(attribute: str) -> Any:
 
 
 def from_numpy(kind: Callable[..., T], column: np.ndarray) -> T:
-    """``column``, (N,), as a Dr.Jit array of type ``kind``, in memory of Dr.Jit's own.
+    """``column``, (N,) of any number type, as a Dr.Jit array of type ``kind``, in its own memory.
 
     Dr.Jit would use NumPy's memory, and compile each kernel for how that happens to be aligned:
     seconds, again and again, for the same work.
@@ -67,7 +67,7 @@ def from_numpy(kind: Callable[..., T], column: np.ndarray) -> T:
     import drjit as dr
 
     if dr.backend_v(kind) != dr.JitBackend.LLVM or len(column) == 0:
-        return kind(column)
+        return kind(column.astype(np.asarray(dr.zeros(kind, 1)).dtype))
     result = dr.empty(kind, len(column))
     np.asarray(result)[:] = column
     return result

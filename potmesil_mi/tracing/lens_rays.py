@@ -9,7 +9,6 @@ import dataclasses
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from .._backend import from_numpy
 from ..optics.blur import widest_radius_per_vergence
@@ -66,7 +65,7 @@ class LensRays:
     ``origin``                    the pinhole; of a telecentric lens any point of the plane at
                                   depth 0
     ``axis``                      unit vector along which depth is counted
-    ``across``                    unit vectors to the right and downwards
+    ``across``                    unit vectors to the left and upwards
     ``radius``                    half-widths of the lens along ``across`` in scene units; of a
                                   telecentric lens the slope of the outermost rays to the axis
     ``telecentric``               whether rays meet the plane at depth 0 anywhere
@@ -89,18 +88,17 @@ class LensRays:
         It may be focused from depth ``nearest`` on.
         """
         sensor, camera = rays.sensor, rays.sensor.camera()
-        to_world = sensor.world_transform()
         if isinstance(lens, TelecentricLens):
             width = height = lens.slope
         else:
             height = widest_radius_per_vergence(lens, camera, nearest) / camera.focal_length_pixels
             width = height / lens.squeeze
-        x, y, z = (dr.normalize(to_world @ mi.Vector3f(*unit)) for unit in np.eye(3).tolist())
+        *across, axis = rays.axes()
         return cls(
             rays=rays,
-            origin=to_world @ mi.Point3f(0),
-            axis=z,
-            across=(x, y),
+            origin=sensor.world_transform() @ mi.Point3f(0),
+            axis=axis,
+            across=(across[0], across[1]),
             radius=(float(width), float(height)),
             telecentric=isinstance(lens, TelecentricLens),
             clip=(float(camera.near_clip), float(camera.far_clip)),

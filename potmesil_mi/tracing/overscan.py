@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._backend import from_numpy
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
@@ -64,10 +65,10 @@ def overscan(rays: PrimaryRays, lens: ThinLens | TelecentricLens, most: int) -> 
     crop, lens = rays.crop, lens.plain()
     if (lens.slope if isinstance(lens, TelecentricLens) else lens.aperture_radius) == 0:
         return crop
-    pinhole = _LensRays(_grid(crop, DEPTHS), np.zeros((2, 1)), [_Focus(0.0, 0.0, 0.0)])
+    pinhole = _FocusedRays(_grid(crop, DEPTHS), np.zeros((2, 1)), [_Focus(0.0, 0.0, 0.0)])
     depths = _met(rays, pinhole)
     points = _lens_points() / np.array([[lens.squeeze], [1.0]])
-    lens_rays = _LensRays(_pixels(crop), points, _foci(lens, depths))
+    lens_rays = _FocusedRays(_pixels(crop), points, _foci(lens, depths))
     x, y = _landed(lens_rays, _met(rays, lens_rays), depths, lens, rays.sensor.camera())
     window, missing = covering(crop, x, y, max(most * crop.size, SMALL_WINDOW))
     if missing > 0:
@@ -141,7 +142,7 @@ class _Focus(NamedTuple):
     slope: float
 
 
-class _LensRays(NamedTuple):
+class _FocusedRays(NamedTuple):
     """F x N x M rays: at each focus through each pixel from each point of the lens.
 
     ============================  ==========================================================
@@ -173,10 +174,10 @@ def _foci(lens: ThinLens | TelecentricLens, depths: np.ndarray) -> list[_Focus]:
     return foci
 
 
-def _met(rays: PrimaryRays, lens_rays: _LensRays) -> np.ndarray:
+def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> np.ndarray:
     """The depths of what rays of the lens meet first, float64 (F, N, M); ``inf`` for nothing."""
     camera, to_world = rays.sensor.camera(), rays.sensor.world_transform()
-    left, up, axis = (dr.normalize(to_world @ mi.Vector3f(*unit)) for unit in np.eye(3).tolist())
+    left, up, axis = rays.axes()
     pixels, points, foci = lens_rays.pixels, lens_rays.points, np.array(lens_rays.foci).T
     shape = foci.shape[1], pixels.shape[1], points.shape[1]
     lane = dr.arange(mi.UInt32, math.prod(shape))
@@ -206,11 +207,11 @@ def _met(rays: PrimaryRays, lens_rays: _LensRays) -> np.ndarray:
 
 def _on_device(column: np.ndarray) -> mi.Float:
     """The numbers, (N,), and one more: Dr.Jit makes another kernel for a single one."""
-    return mi.Float(np.append(column, column[-1]).astype(np.float32))
+    return from_numpy(mi.Float, np.append(column, column[-1]))
 
 
 def _landed(
-    lens_rays: _LensRays,
+    lens_rays: _FocusedRays,
     met: np.ndarray,
     depths: np.ndarray,
     lens: ThinLens | TelecentricLens,

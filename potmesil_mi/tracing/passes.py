@@ -64,14 +64,14 @@ class Passes:
             self.begin(lanes)
             sample = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, paths)
             sample = dr.minimum(sample, dr.opaque(mi.UInt32, count - 1))
-            of_x, of_y, *more = (_gathered(column[part], sample) for column in (x, y, *columns))
+            of_x, of_y, *more = (gathered(column[part], sample) for column in (x, y, *columns))
             every, _ = to_host(trace(mi.Point2f(of_x, of_y), *more))
             shown.put(part, every[: count * paths].averaged(paths))
         return shown
 
 
-def _gathered(column: np.ndarray, index: mi.UInt32) -> mi.Float | mi.UInt32:
-    """Elements of a column, float32 or uint32, on the device."""
+def gathered(column: np.ndarray, index: mi.UInt32) -> mi.Float | mi.UInt32:
+    """Elements of a column on the device: whole numbers where it is uint32, else ``Float``."""
     kind = mi.UInt32 if column.dtype == np.uint32 else mi.Float
     return dr.gather(kind, from_numpy(kind, column), index)
 

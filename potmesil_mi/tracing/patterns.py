@@ -16,7 +16,7 @@ import numpy as np
 from .._progress import track
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, to_host
-from .passes import wavefronts
+from .passes import gathered, wavefronts
 from .rays import PrimaryRays
 from .sampling import Sampling
 
@@ -137,10 +137,7 @@ class Cells:
         Also returns the right and lower ends of their cells.
         """
         cell = dr.arange(mi.UInt32, len(self) * each) // dr.opaque(mi.UInt32, each)
-        left, top, width, height = (
-            dr.gather(mi.Float, mi.Float(column.astype(np.float32)), cell)
-            for column in self._columns()
-        )
+        left, top, width, height = (gathered(column, cell) for column in self._columns())
         first, size = mi.Point2f(left, top), mi.Point2f(width, height)
         return dr.fma(within, size, first), first + size
 

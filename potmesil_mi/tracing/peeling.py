@@ -91,11 +91,11 @@ def add_hidden(
     """
     first = buffer.columns()
     cells = _cells(first.x[chosen], first.y[chosen])
-    parts = []
+    parts: list[Hidden] = []
     for part in track(wavefronts(len(chosen), 1), LABEL):
         number = chosen[part]
         place = first.x[number], first.y[number], cells[part]
-        parts.append(peeled(number, *place, rays, lens, layers))
+        parts += peeled(number, *place, rays, lens, layers)
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -109,8 +109,8 @@ def peeled(
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
-) -> Hidden:
-    """What the primary rays ``chosen`` meet behind the first surface, and the lens sees.
+) -> list[Hidden]:
+    """What the primary rays ``chosen`` meet behind the first surface, and the lens sees: in parts.
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``cells`` the numbers of the cells in which they lie, uint32. What a mirror shows hides nothing.
@@ -150,7 +150,7 @@ def peeled(
         start = dr.gather(mi.Float, passed, further)
         position = dr.gather(mi.Point2f, position, further)
         dr.eval(index, layer, cell, start, position)
-    return Hidden.joined(found)
+    return found
 
 
 def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:

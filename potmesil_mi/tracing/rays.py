@@ -17,6 +17,9 @@ from .sensor import is_orthographic
 from .shapes import registry_index
 from .virtual_depth import Visible, passes_straight, trace_visible
 
+UNITS = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+"""The axes of a camera as Mitsuba has them."""
+
 
 @dataclasses.dataclass(frozen=True)
 class PrimaryRays:
@@ -92,6 +95,12 @@ class PrimaryRays:
             axis = dr.normalize(axis)
             origin = ray.o - axis * dr.dot(ray.o - origin, axis)
         return trace_visible(self.scene, origin, ray, hit, axis)
+
+    def axes(self) -> tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f]:
+        """Unit vectors of the camera in the world: to the left, upwards, and where it looks."""
+        to_world = self.sensor.world_transform()
+        left, up, axis = (dr.normalize(to_world @ mi.Vector3f(*unit)) for unit in UNITS)
+        return left, up, axis
 
     def depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
         """Depth of a hit, along the camera's axis; ``inf`` where nothing was hit."""
