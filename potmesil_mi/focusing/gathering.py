@@ -88,26 +88,26 @@ def gather(
 
 def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
     """Fragments of ``samples``, some or all that :func:`gather` made, with their ``offset``."""
-    samples = one_subpixel_each(samples, subpixels).visible()
+    samples = one_subpixel_each(samples, subpixels)
     size = fragments.width * fragments.height
     own, first = fragments.subpixel, fragments.gap_in_front == 0
     asked = np.zeros(size, dtype=bool)
     asked[own[first]] = True
     left, top = samples.window[:2]
-    fine = [
-        (at.astype(np.float64) - of) * subpixels for at, of in ((samples.x, left), (samples.y, top))
-    ]
+    # Of many samples few are asked for: the others cost no more than their places.
+    fine = [(at - np.float32(of)) * subpixels for at, of in ((samples.x, left), (samples.y, top))]
     places = [
-        np.clip(np.floor(at), 0, count - 1)
+        np.clip(np.floor(at), 0, count - 1).astype(np.int32)
         for at, count in zip(fine, (fragments.width, fragments.height), strict=True)
     ]
-    subpixel = (places[1] * fragments.width + places[0]).astype(np.int64)
-    these = asked[subpixel]
+    subpixel = places[1].astype(np.int64) * fragments.width + places[0]
+    these = np.flatnonzero(asked[subpixel])
+    these = these[samples.layer[these] == 0]
     subpixel = subpixel[these]
-    light = (samples.weight * samples.rgb.max(axis=1)).astype(np.float64)[these]
+    light = (samples.weight[these] * samples.rgb[these].max(axis=1)).astype(np.float64)
     total = np.bincount(subpixel, light, size)[own]
     offset = [
-        np.bincount(subpixel, light * (at - place - 0.5)[these], size)[own]
+        np.bincount(subpixel, light * (at[these] - place[these] - 0.5), size)[own]
         / np.where(total > 0, total, 1)
         for at, place in zip(fine, places, strict=True)
     ]
