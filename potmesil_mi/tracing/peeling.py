@@ -94,8 +94,8 @@ def add_hidden(
     parts: list[Hidden] = []
     for part in track(wavefronts(len(chosen), 1), LABEL):
         number = chosen[part]
-        place = first.x[number], first.y[number], cells[part]
-        parts += peeled(number, *place, rays, lens, layers)
+        place = first.x[number], first.y[number], first.z[number]
+        parts += peeled(number, *place, cells[part], rays, lens, layers)
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -105,6 +105,7 @@ def peeled(
     chosen: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
+    z: np.ndarray,
     cells: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
@@ -113,44 +114,72 @@ def peeled(
     """What the primary rays ``chosen`` meet behind the first surface, and the lens sees: in parts.
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
-    ``cells`` the numbers of the cells in which they lie, uint32. What a mirror shows hides nothing.
+    ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
+    uint32. What a mirror shows hides nothing.
     """
-    index, cell = (from_numpy(mi.UInt32, column) for column in (chosen, cells))
-    position = mi.Point2f(from_numpy(mi.Float, x), from_numpy(mi.Float, y))
-    start = dr.zeros(mi.Float, len(chosen))
-    layer = dr.zeros(mi.UInt32, len(chosen))
-    dr.make_opaque(start, layer)
+    on_film = mi.Point2f(from_numpy(mi.Float, x), from_numpy(mi.Float, y))
+    goes_on, passed = _behind_first(on_film, from_numpy(mi.Float, z), rays)
+    columns = (chosen, np.zeros(len(chosen), np.uint32), cells)
+    there = _Front(on_film, passed, *(from_numpy(mi.UInt32, column) for column in columns))
+    count = int(cells.max(initial=0)) + 1
     found: list[Hidden] = []
-    for met in range(SIDES * layers):
-        ray, _ = rays.through(position, mi.Float(0.5), rays.sensor.shutter_open())
-        ray = mi.Ray3f(ray)
-        ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
-        visible = rays.visible(ray)
-        hit = visible.hit
-        goes_on = hit.is_valid() & ~visible.mirrored
-        passed = start + dr.dot(hit.p - ray.o, ray.d)
-        passed += clearance(hit.p, passed)
-        if met > 0:
-            columns = [index, layer, start, visible.depth, rays.surface_of(hit)]
-            target = _target(ray, visible, index)
-            dr.eval(goes_on, passed, columns, target)
-            sees = _sees(lens, target, cell)
-            layer = columns[1] = layer + dr.select(sees, mi.UInt32(1), mi.UInt32(0))
-            goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
-            kept = dr.compress(sees)
-            columns = [dr.gather(type(c), c, kept) for c in columns]
-            dr.eval(columns, layer, goes_on)
-            found.append(Hidden(*(np.array(column) for column in columns)))
-        else:
-            dr.eval(goes_on, passed)
+    for _ in range(SIDES * layers - 1):
+        dr.eval(goes_on, there)
         further = dr.compress(goes_on)
         if dr.width(further) == 0:
             break
-        index, layer, cell = (dr.gather(mi.UInt32, c, further) for c in (index, layer, cell))
-        start = dr.gather(mi.Float, passed, further)
-        position = dr.gather(mi.Point2f, position, further)
-        dr.eval(index, layer, cell, start, position)
+        here = dr.gather(_Front, there, further)
+        ray = _primary(here.position, here.start, rays)
+        visible = rays.visible(ray)
+        goes_on, passed = _passed(ray, here.start, visible)
+        target = _target(ray, visible, here.index)
+        surface = rays.surface_of(visible.hit)
+        dr.eval(here, goes_on, passed, visible.depth, surface, target)
+        sees = _sees(lens, target, here.cell, count)
+        layer = here.layer + dr.select(sees, mi.UInt32(1), mi.UInt32(0))
+        goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
+        kept = dr.compress(sees)
+        of = here.index, layer, here.start, visible.depth, surface
+        found.append(Hidden(*(np.array(dr.gather(type(each), each, kept)) for each in of)))
+        there = _Front(here.position, passed, here.index, layer, here.cell)
     return found
+
+
+@dataclasses.dataclass
+class _Front:
+    """How far primary rays have been followed, as Dr.Jit arrays: the fields of :class:`Hidden`.
+
+    ``position`` is theirs on the film, ``cell`` the number of the cell in which that is.
+    """
+
+    position: mi.Point2f
+    start: mi.Float
+    index: mi.UInt32
+    layer: mi.UInt32
+    cell: mi.UInt32
+
+
+def _primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -> mi.Ray3f:
+    """The rest of primary rays, from ``start`` on."""
+    ray = mi.Ray3f(rays.through(position, mi.Float(0.5), rays.sensor.shutter_open())[0])
+    ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
+    return ray
+
+
+def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple[mi.Bool, mi.Float]:
+    """Which rays go on behind what they show first, at the depths ``z``, and from where on."""
+    ray = _primary(position, 0.0, rays)
+    if rays.follows_mirrors:  # The depth may be that of an image.
+        return _passed(ray, mi.Float(0), rays.visible(ray))
+    distance = rays.distance(ray, z)
+    return dr.isfinite(z), distance + clearance(ray(distance), distance)
+
+
+def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, mi.Float]:
+    """Which rays, which began at ``start``, go on behind what they show, and from where on."""
+    passed = start + dr.dot(visible.hit.p - ray.o, ray.d)
+    goes_on = visible.hit.is_valid() & ~visible.mirrored
+    return goes_on, passed + clearance(visible.hit.p, passed)
 
 
 def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
@@ -167,17 +196,17 @@ def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
     )
 
 
-def _sees(lens: LensRays, target: Target, cell: mi.UInt32) -> mi.Bool:
+def _sees(lens: LensRays, target: Target, cell: mi.UInt32, cells: int) -> mi.Bool:
     """Whether any point of the lens sees each target, bool (N,), evaluated.
 
     Few points are tried first. Only where one of these sees anything in the same ``cell`` of the
-    film are the others: most of what is hidden is hidden from the whole lens, and still more of
-    where rays come out of things.
+    film, of ``cells``, are the others: most of what is hidden is hidden from the whole lens, and
+    still more of where rays come out of things.
     """
     comes_out = target.met & (dr.dot(target.normal, target.direction) > 0)
     few = dr.select(comes_out, mi.UInt32(1), mi.UInt32(FEW_POINTS))
     sees = lens.see(target, dr.zeros(mi.UInt32, dr.width(target)), few)
-    seen = dr.zeros(mi.UInt32, int(dr.max(cell)[0]) + 1)
+    seen = dr.zeros(mi.UInt32, cells)
     dr.scatter(seen, mi.UInt32(1), cell, sees)
     dr.eval(sees, seen, few)
     again = dr.compress(~sees & (dr.gather(mi.UInt32, seen, cell) > 0))
@@ -216,6 +245,15 @@ def shaded(hidden: Hidden, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, path
     return rays.passes.averaged(x, y, trace, LABEL, *columns, paths=paths)
 
 
+def _pixel_of(window: Window, x: mi.Float, y: mi.Float) -> mi.UInt32:
+    """Index of the pixel of each position, as :meth:`Window.pixel_of` has it."""
+    column, row = (
+        dr.clip(mi.Int32(dr.floor(at)) - first, 0, size - 1)
+        for at, first, size in ((x, window.left, window.width), (y, window.top, window.height))
+    )
+    return mi.UInt32(row * window.width + column)
+
+
 def may_hide(visible: Columns, window: Window, lens: ThinLens, camera: Camera) -> np.ndarray:
     """Which samples, int (n,), may have something behind them that the lens sees.
 
@@ -225,12 +263,14 @@ def may_hide(visible: Columns, window: Window, lens: ThinLens, camera: Camera) -
     scale = widest_radius_per_vergence(lens, camera, float(visible.z.min()))
     if scale == 0:
         return np.empty(0, dtype=np.int64)
-    pixel = window.pixel_of(visible.x, visible.y)
-    index, depth = from_numpy(mi.UInt32, pixel), from_numpy(mi.Float, visible.z)
+    columns = (visible.x, visible.y, visible.z)
+    x, y, depth = (from_numpy(mi.Float, column) for column in columns)
+    index = _pixel_of(window, x, y)
     nearest = dr.full(mi.Float, dr.inf, window.size)
     farthest = dr.zeros(mi.Float, window.size)
     dr.scatter_reduce(dr.ReduceOp.Min, nearest, depth, index)
     dr.scatter_reduce(dr.ReduceOp.Max, farthest, depth, index)
     dr.eval(nearest, farthest)
     near, far = (np.array(ends).reshape(window.shape) for ends in (nearest, farthest))
-    return np.flatnonzero(disoccluded(near, far, scale).ravel()[pixel])
+    chosen = from_numpy(mi.Bool, disoccluded(near, far, scale).ravel())
+    return np.array(dr.compress(dr.gather(mi.Bool, chosen, index))).astype(np.int64)

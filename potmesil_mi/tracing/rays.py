@@ -104,13 +104,22 @@ class PrimaryRays:
 
     def depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
         """Depth of a hit, along the camera's axis; ``inf`` where nothing was hit."""
+        return dr.select(hit.is_valid(), self._depth_of(hit.p), dr.inf)
+
+    def distance(self, ray: mi.Ray3f, depth: mi.Float) -> mi.Float:
+        """How far along a primary ray a ``depth`` is, in scene units from the ray's origin."""
+        return (depth - self._depth_of(ray.o)) / self._along_axis(ray.d)
+
+    def _depth_of(self, point: mi.Point3f) -> mi.Float:
+        """Depth of a point of the world."""
+        return self._along_axis(point - self.sensor.world_transform() @ mi.Point3f(0))
+
+    def _along_axis(self, step: mi.Vector3f) -> mi.Float:
+        """By how much the depth grows along a ``step`` in the world."""
         to_world = self.sensor.world_transform()
         if is_orthographic(self.sensor):  # Its axes are scaled.
-            axis = dr.normalize(to_world @ mi.Vector3f(0, 0, 1))
-            depth = dr.dot(hit.p - to_world @ mi.Point3f(0), axis)
-        else:
-            depth = (to_world.inverse() @ hit.p).z
-        return dr.select(hit.is_valid(), depth, dr.inf)
+            return dr.dot(step, dr.normalize(to_world @ mi.Vector3f(0, 0, 1)))
+        return (to_world.inverse() @ mi.Vector3f(step)).z
 
     def surface_of(self, hit: mi.SurfaceInteraction3f) -> mi.UInt32:
         """The id of what was hit; 0 where nothing was."""
@@ -166,13 +175,13 @@ class PrimaryRays:
 
     def _first_hit(self, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
         """The surface that the integrator sees first: it may leave out area lights."""
-        hit = self.scene.ray_intersect(ray)
+        hit = self.scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
         if not self.hides_lamps:
             return hit
 
         def step(active: mi.Bool, hit: mi.SurfaceInteraction3f) -> tuple[Any, Any]:
             further = ray_from(hit, ray.d, dr.norm(hit.p - ray.o))
-            hit = self.scene.ray_intersect(further, active)
+            hit = self.scene.ray_intersect(further, mi.RayFlags.All, coherent=True, active=active)
             return active & self._is_left_out(hit), hit
 
         state = (self._is_left_out(hit), hit)
