@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
-from .convolve import ROWS
 from .moments import degree_for, degree_with, orders, responses
 
 
@@ -42,11 +42,13 @@ class FinePicture(NamedTuple):
                                   some degree, float (H, W, C + 1), those of the light, and
                                   last of the weights: they tell where in a subpixel these are
     ============================  ==========================================================
+
+    The arrays are NumPy's or Dr.Jit's tensors.
     """
 
-    picture: np.ndarray
-    weights: np.ndarray
-    moments: Sequence[np.ndarray] = ()
+    picture: Any
+    weights: Any
+    moments: Sequence[Any] = ()
 
 
 def degree_of(rfilter: ReconstructionFilter | None, subpixels: int) -> int:
@@ -63,7 +65,7 @@ def reconstruct(
     all weights are 0 it is 0.
     """
     if subpixels == 1 and (rfilter is None or rfilter.is_box_filter()):
-        return fine.picture
+        return np.asarray(fine.picture)
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * subpixels))
     middles = (np.arange(-margin, subpixels + margin) + 0.5) / subpixels - 0.5
@@ -72,36 +74,89 @@ def reconstruct(
         taps = responses(response, middles, 1 / subpixels, degree)
     else:
         taps = response(middles)[None]
-    weights = fine.weights[..., None]
-    light = np.concatenate([fine.picture * weights, weights], axis=-1)
-    every = dict(zip([(0, 0), *orders(degree)], [light, *fine.moments], strict=True))
-    height, width, channels = light.shape
-    total = np.zeros((height // subpixels, width // subpixels, channels), light.dtype)
+    height, width, colours = fine.picture.shape
+    channels = colours + 1
+    light = [_light(fine), *map(on_device, fine.moments)]
+    every = dict(zip([(0, 0), *orders(degree)], light, strict=True))
+    across = []
     for j in range(degree + 1):
-        across = np.zeros((height, width // subpixels, channels), light.dtype)
-        for start in range(0, height, ROWS):
-            rows = slice(start, start + ROWS)
-            for i in range(degree + 1 - j):
-                _add_filtered(across[rows], every[i, j][rows], 1, taps[i], subpixels)
-        _add_filtered(total, across, 0, taps[j], subpixels)
-    weight = total[..., -1:]
-    return total[..., :-1] / np.where(weight == 0, 1, weight)
+        terms = [every[i, j] for i in range(degree + 1 - j)]
+        filtered = _filtered(terms, taps, 1, (height, width), subpixels, channels)
+        across.append(interleaved(filtered))
+    dr.eval(across)
+    shape = height, width // subpixels
+    *sums, weight = _filtered(across, taps, 0, shape, subpixels, channels)
+    weight = dr.select(weight == 0, 1, weight)
+    picture = interleaved([of / weight for of in sums])
+    return np.array(picture).reshape(height // subpixels, width // subpixels, colours)
 
 
-def _add_filtered(
-    total: np.ndarray, values: np.ndarray, axis: int, taps: np.ndarray, subpixels: int
-) -> None:
-    """Add pixels from subpixels along an axis, of which each counts what the taps say."""
-    margin = (len(taps) - subpixels) // 2
-    values, total = np.moveaxis(values, axis, 0), np.moveaxis(total, axis, 0)
-    count = len(total)
-    for start, tap in enumerate(taps.tolist(), -margin):
-        # Pixels whose subpixel there is one of the picture's.
-        first = max(0, -(start // subpixels))
-        last = min(count, count - start // subpixels)
-        if tap != 0 and first < last:
-            there = values[start + first * subpixels : start + last * subpixels : subpixels]
-            total[first:last] += there * values.dtype.type(tap)
+def on_device(image: Any) -> jit.Float:
+    """The values of an image, one after the other, as a Dr.Jit array."""
+    return image.array if dr.is_tensor_v(image) else jit.from_numpy(jit.Float, image.ravel())
+
+
+def values_at(image: jit.Float, place: jit.UInt32, channels: int) -> list[jit.Float]:
+    """The values of an image of so many channels, which follow each other, at each ``place``."""
+    if channels == 4:
+        return list(dr.gather(jit.Array4f, image, place))
+    return [dr.gather(jit.Float, image, place * channels + c) for c in range(channels)]
+
+
+def interleaved(values: Sequence[jit.Float]) -> jit.Float:
+    """An image of the ``values`` of its channels: those of a place follow each other."""
+    if len(values) == 4:
+        return dr.ravel(jit.Array4f(*values))
+    size, channels = dr.width(values), len(values)
+    image, place = dr.empty(jit.Float, size * channels), dr.arange(jit.UInt32, size) * channels
+    for channel, value in enumerate(values):
+        dr.scatter(image, value, place + channel)
+    return image
+
+
+def _light(fine: FinePicture) -> jit.Float:
+    """The light of a picture as its weights tell, and these as the last channel."""
+    height, width, channels = fine.picture.shape
+    place = dr.arange(jit.UInt32, height * width)
+    weight = dr.gather(jit.Float, on_device(fine.weights), place)
+    colours = values_at(on_device(fine.picture), place, channels)
+    light = interleaved([*(of * weight for of in colours), weight])
+    dr.eval(light)
+    return light
+
+
+def _filtered(
+    images: Sequence[jit.Float],
+    taps: np.ndarray,
+    axis: int,
+    shape: tuple[int, int],
+    subpixels: int,
+    channels: int,
+) -> list[jit.Float]:
+    """The sum of images of a ``shape``, filtered along an axis, each channel of it.
+
+    Each pixel along the axis has ``subpixels``, and each image its own row of ``taps``.
+    """
+    height, width = shape
+    columns = width // subpixels if axis == 1 else width
+    rows = height // subpixels if axis == 0 else height
+    index = dr.arange(jit.UInt32, rows * columns)
+    row = index // dr.opaque(jit.UInt32, columns)
+    column = index - row * dr.opaque(jit.UInt32, columns)
+    count = dr.opaque(jit.Int32, shape[axis])
+    first = jit.Int32(column if axis == 1 else row) * subpixels
+    total = [jit.Float(0)] * channels
+    for start, of_images in enumerate(taps.T, -((taps.shape[1] - subpixels) // 2)):
+        at = first + start
+        inside = (at >= 0) & (at < count)
+        there = jit.UInt32(dr.clip(at, 0, count - 1))
+        place = (row, there) if axis == 1 else (there, column)
+        place = place[0] * dr.opaque(jit.UInt32, width) + place[1]
+        for image, tap in zip(images, of_images.tolist(), strict=False):
+            share = dr.select(inside, dr.opaque(jit.Float, tap), 0)
+            values = values_at(image, place, channels)
+            total = [dr.fma(of, share, sum_) for of, sum_ in zip(values, total, strict=True)]
+    return total
 
 
 def _response(
