@@ -9,12 +9,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import drjit as dr
 import numpy as np
-import scipy.ndimage
 
+from .. import _backend as jit
 from ..samples.raster import Window
 from .convolve import ROWS
-from .film import FinePicture
+from .film import FinePicture, interleaved, on_device, values_at
 from .fragments import SHARE
 from .kernels import SUBPIXEL_VARIANCE
 
@@ -38,7 +39,8 @@ class SpreadSlice(NamedTuple):
 
     ``light`` is float32 (H, W, C), RGB, share and perhaps alpha, on pixels ``resolution``
     subpixels wide, of which ``left`` and ``top`` are the first. What is nearly in focus
-    ``is_sharp``; its pixels are subpixels, and it may have ``moments``, float32 (H, W, C) each.
+    ``is_sharp``: it is one slice, alone at its depth; its pixels are subpixels, and it may have
+    ``moments``, float32 (H, W, C) each.
     """
 
     light: np.ndarray
@@ -47,6 +49,11 @@ class SpreadSlice(NamedTuple):
     resolution: int
     is_sharp: bool = False
     moments: Sequence[np.ndarray] = ()
+
+    @property
+    def box(self) -> Window:
+        """Its pixels, in pixels of the slice."""
+        return Window(self.left, self.top, *self.light.shape[1::-1])
 
 
 class Compositor:
@@ -66,15 +73,14 @@ class Compositor:
         density: np.ndarray | None = None,
         moments: np.ndarray | None = None,
     ) -> None:
-        self.crop, self.subpixels, self.density = crop, subpixels, density
-        self.moments = [] if moments is None else list(np.moveaxis(moments, -1, 0))
-        # What is covered adds up in the column of shares.
+        self.crop, self.subpixels, self.density, self.moments = crop, subpixels, density, moments
+        # What is covered adds up in the column of shares, and with all that is behind in a plane.
         self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
-        # What there was in the total when what is sharp had been added.
-        self.up_to_sharp: np.ndarray | None = None
-        # Of what is sharp: its part of the total, and each moment.
-        terms = 0 if density is None and not self.moments else 1 + len(self.moments)
-        self.sharp = np.zeros((terms, *crop.shape, channels), dtype=np.float32)
+        self.covered = np.zeros(crop.shape, dtype=np.float32)
+        # What is sharp, of whose light there is the part that was admitted, and what is behind it.
+        self.sharp: SpreadSlice | None = None
+        self.admitted = np.zeros(crop.shape, dtype=np.float32)
+        self.behind: np.ndarray | None = None
 
     def put_behind(self, slices: Sequence[SpreadSlice]) -> None:
         """Put the light of slices that are at about one depth where there is still room for it."""
@@ -85,16 +91,17 @@ class Compositor:
         left, top = min(part.place.left for part in parts), min(part.place.top for part in parts)
         right = max(part.place.right for part in parts)
         bottom = max(part.place.bottom for part in parts)
+        if self.sharp is not None and self.behind is None:
+            self.behind = np.zeros_like(self.total)
         for start in range(top, bottom, ROWS):
             rows = Window(left, start, right - left, min(start + ROWS, bottom) - start)
             if len(parts) == 1:
                 light = parts[0].rows(rows.top, rows.bottom)
-                sharp = parts[0].sharp_rows(rows.top, rows.bottom)
-                self._admit(light, rows, sharp)
             else:
-                self._admit(self._sum(parts, rows), rows)
-        if any(each.is_sharp for each in slices):
-            self.up_to_sharp = self.total.copy()
+                light = self._sum(parts, rows)
+            self._admit(light, rows, slices[0].is_sharp)
+        if slices[0].is_sharp:
+            self.sharp = slices[0]
 
     def _sum(self, parts: Sequence[_Overlap], rows: Window) -> np.ndarray:
         """The light of several parts in some rows, float32 (H, W, C)."""
@@ -106,109 +113,160 @@ class Compositor:
                 light[there.slices_in(rows)] += part.rows(first, end)
         return light
 
-    def _admit(self, light: np.ndarray, rows: Window, sharp: Sequence[np.ndarray] = ()) -> None:
+    def _admit(self, light: np.ndarray, rows: Window, is_sharp: bool) -> None:
         """Add the part of ``light``, which becomes that part, for which there is room.
 
-        ``sharp`` is the light again, and its moments, if it is so.
+        If it ``is_sharp``, the parts that were admitted are kept for its moments.
         """
-        place = rows.slices_in(Window(0, 0, *self.total.shape[1::-1]))
+        place = rows.slices_in(Window(0, 0, *self.crop[2:]))
         np.maximum(light, 0, out=light)
-        nearer, share = self.total[place], light[..., SHARE]
-        admitted = (1 - nearer[..., SHARE]) / np.maximum(share, FAINTEST)
+        covered, share = self.covered[place], light[..., SHARE]
+        admitted = (1 - covered) / np.maximum(share, FAINTEST)
         np.clip(admitted, 0, 1, out=admitted)
         admitted[share <= FAINTEST] = 0
-        for total, of_sharp in zip(self.sharp, sharp, strict=False):
-            total[place] += of_sharp * admitted[..., None]
+        if is_sharp:
+            self.admitted[place] = admitted
         light *= admitted[..., None]
-        nearer += light
+        covered += light[..., SHARE]
+        nearer = self.total if self.behind is None else self.behind
+        nearer[place] += light
 
     def finished(self) -> FinePicture:
         """The picture. Where no light came it is 0 and counts nothing."""
-        self._fill()
         colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
-        lit = self.total[..., SHARE] > FAINTEST
-        picture = np.empty((*lit.shape, len(colours)), dtype=np.float32)
+        picture = np.empty((*self.crop.shape, len(colours)), dtype=np.float32)
         for start in range(0, len(picture), ROWS):
             rows = slice(start, start + ROWS)
-            covered = np.where(lit[rows], self.total[rows, :, SHARE], np.inf)
+            total, covered = self.total[rows], self.covered[rows]
+            if self.behind is not None:
+                _fill(total, self.behind[rows], covered)
+            covered[:] = total[..., SHARE]
+            there = np.where(covered > FAINTEST, covered, np.inf)
             for to, of in enumerate(colours):
-                np.divide(self.total[rows, :, of], covered, out=picture[rows, :, to])
-        if len(self.sharp) == 0:
-            return FinePicture(picture, lit.astype(np.float32))
-        return self._placed(picture, lit.astype(np.float32)[..., None], colours)
+                np.divide(total[..., of], there, out=picture[rows, :, to])
+        weights = self._weights()
+        if self.moments is None:
+            return FinePicture(picture, weights)
+        return self._placed(picture, weights, self.moments)
 
-    def _fill(self) -> None:
-        """Let what is behind what is sharp fill the subpixels, as far as something is there.
+    def _weights(self) -> np.ndarray:
+        """What subpixels count in their pixels, float32 (H, W).
 
-        What is sharp covers just what its samples say. What shows beside it is known less well: at
-        an edge a little of it is missing, and more of the edge is not to show instead.
+        Near what is sharp they count as densely as they were sampled, as do the samples themselves.
+        Elsewhere their light comes from all around, and chance that is their own is but noise.
         """
-        if self.up_to_sharp is None:
-            return
-        for start in range(0, len(self.total), ROWS):
-            total = self.total[start : start + ROWS]
-            behind = total - self.up_to_sharp[start : start + ROWS]
-            share = np.maximum(behind[..., SHARE], FAINTEST)
-            more = np.clip((1 - total[..., SHARE]) / share, 0, MOST_FILLED)
-            total += behind * more[..., None]
+        lit = (self.covered > FAINTEST).astype(np.float32)
+        if self.density is None or self.sharp is None:
+            return lit
+        near = np.zeros(self.crop.shape, dtype=bool)
+        both = self.sharp.box.intersection(self.crop)
+        place = both.slices_in(self.crop)
+        share = self.sharp.light[both.slices_in(self.sharp.box)][..., SHARE]
+        near[place] = share / np.maximum(self.covered[place], FAINTEST) > FAINTEST_BLUR
+        for axis in (0, 1):
+            of = np.moveaxis(near, axis, 0)
+            grown = of.copy()
+            for step in range(1, self.subpixels + 1):
+                grown[step:] |= of[:-step]
+                grown[:-step] |= of[step:]
+            of[:] = grown
+        return np.where(near, self.density * lit, lit)
 
-    def _placed(self, picture: np.ndarray, lit: np.ndarray, colours: list[int]) -> FinePicture:
+    def _placed(
+        self, picture: np.ndarray, weights: np.ndarray, of_samples: np.ndarray
+    ) -> FinePicture:
         """The picture with its weights and moments.
 
         What is sharp has its own moments. What is blurred has light all over its subpixels: it gets
         the moments of the samples that are not those of what is sharp.
         """
-        scale = (1 / np.maximum(self.total[..., SHARE, None], FAINTEST)).astype(np.float32)
-        sharp = self.sharp[0] * scale
-        weight = lit * self._counts(sharp[..., SHARE])[..., None]
-        if not self.moments:
-            return FinePicture(picture, weight[..., 0])
-        rest = np.maximum(1 - sharp[..., SHARE, None], 0)
-        blurred = picture.copy()
-        np.divide(picture - sharp[..., colours], rest, where=rest > FAINTEST_BLUR, out=blurred)
-        blurred = _sharpened(blurred, rest > 0.5)
-        picture = sharp[..., colours] + rest * blurred
-        scale *= weight
-        moments = np.empty((len(self.moments), *picture.shape[:2], len(colours) + 1), np.float32)
-        for start in range(0, len(picture), ROWS):
-            rows = slice(start, start + ROWS)
-            for to, total, of_samples in zip(moments, self.sharp[1:], self.moments, strict=True):
-                of_sharp = total[rows] * scale[rows]
-                np.multiply(of_samples[rows], weight[rows, :, 0], out=to[rows, :, -1])
-                left = to[rows, :, -1] - of_sharp[..., SHARE]
-                for channel, of in enumerate(colours):
-                    np.multiply(left, blurred[rows, :, channel], out=to[rows, :, channel])
-                    to[rows, :, channel] += of_sharp[..., of]
-        return FinePicture(picture, weight[..., 0], list(moments))
+        shape, count = picture.shape, picture.shape[-1]
+        colours = [*range(SHARE), *range(SHARE + 1, count + 1)]
+        place = dr.arange(jit.UInt32, self.crop.size)
+        scale = 1 / dr.maximum(jit.from_numpy(jit.Float, self.covered.ravel()), FAINTEST)
+        light = None if self.sharp is None else self.sharp.light
+        sharp = [of * scale for of in self._of_sharp(light, place)]
+        rest = dr.maximum(1 - sharp[SHARE], 0)
+        blurred = [
+            dr.select(rest > FAINTEST_BLUR, (value - sharp[of]) / rest, value)
+            for value, of in zip(values_at(on_device(picture), place, count), colours, strict=True)
+        ]
+        image = interleaved([*blurred, rest])
+        dr.eval(image, scale, sharp)
+        *blurred, rest = _sharpened(image, place, self.crop, count + 1)
+        found = [
+            interleaved([sharp[of] + rest * b for b, of in zip(blurred, colours, strict=True)])
+        ]
+        weight = jit.from_numpy(jit.Float, weights.ravel())
+        scale = scale * weight * jit.from_numpy(jit.Float, self.admitted.ravel())
+        moments = () if self.sharp is None else self.sharp.moments
+        for term, own in enumerate(values_at(on_device(of_samples), place, of_samples.shape[-1])):
+            image = moments[term] if moments else None
+            of_sharp = [of * scale for of in self._of_sharp(image, place)]
+            left = own * weight - of_sharp[SHARE]
+            values = [left * b + of_sharp[of] for b, of in zip(blurred, colours, strict=True)]
+            found.append(interleaved([*values, own * weight]))
+        dr.eval(found)
+        shapes = [shape, *[(*shape[:2], count + 1)] * (len(found) - 1)]
+        tensors = [jit.TensorXf(of, size) for of, size in zip(found, shapes, strict=True)]
+        return FinePicture(tensors[0], weights, tensors[1:])
 
-    def _counts(self, sharp: np.ndarray) -> np.ndarray:
-        """What subpixels, of which a share is ``sharp``, (H, W), count in their pixels.
+    def _of_sharp(self, image: np.ndarray | None, place: jit.UInt32) -> list[jit.Float]:
+        """The values of an image of the sharp slice at places of the crop; 0 where it is not."""
+        channels = self.total.shape[-1]
+        if self.sharp is None or image is None:
+            return [jit.Float(0)] * channels
+        box = self.sharp.box
+        row = place // dr.opaque(jit.UInt32, self.crop.width)
+        column = place - row * dr.opaque(jit.UInt32, self.crop.width)
+        x = jit.Int32(column) + dr.opaque(jit.Int32, self.crop.left - box.left)
+        y = jit.Int32(row) + dr.opaque(jit.Int32, self.crop.top - box.top)
+        width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        there = jit.UInt32(dr.select(inside, y * width + x, 0))
+        values = values_at(on_device(image), there, channels)
+        return [dr.select(inside, value, 0) for value in values]
 
-        Near what is sharp they count as densely as they were sampled, as do the samples themselves.
-        Elsewhere their light comes from all around, and chance that is their own is but noise.
-        """
-        if self.density is None:
-            return np.ones_like(sharp)
-        near = scipy.ndimage.maximum_filter(sharp, 2 * self.subpixels + 1) > FAINTEST_BLUR
-        return np.where(near, self.density, 1)
+
+def _fill(total: np.ndarray, behind: np.ndarray, covered: np.ndarray) -> None:
+    """Add what is ``behind`` what is sharp, so that it fills the subpixels as far as it is there.
+
+    What is sharp covers just what its samples say. What shows beside it is known less well: at
+    an edge a little of it is missing, and more of the edge is not to show instead.
+    """
+    more = (1 - covered) / np.maximum(behind[..., SHARE], FAINTEST)
+    np.clip(more, 0, MOST_FILLED, out=more)
+    more += 1
+    behind *= more[..., None]
+    total += behind
 
 
-def _sharpened(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """What a picture was before it was twice spread by a subpixel, where it is ``known``.
+def _sharpened(
+    image: jit.Float, place: jit.UInt32, raster: Window, channels: int
+) -> list[jit.Float]:
+    """What a picture was before it was twice spread by a subpixel, at each ``place`` of a raster.
 
     Gathering spread it, and the film takes the mean of its filter over a subpixel. Beside something
-    far brighter what is dark stays nearly as it is.
+    far brighter what is dark stays nearly as it is. The last of the ``channels`` is the share of it
+    in the subpixels: it stays as it is, and so does the picture where it is the smaller part.
     """
-    result = picture.copy()
-    for axis in (0, 1):
-        of, to, there = (np.moveaxis(each, axis, 0) for each in (picture, result, known))
-        step = (of[1:] - of[:-1]) * of.dtype.type(SUBPIXEL_VARIANCE)
-        most = np.minimum(of[1:], of[:-1]) * of.dtype.type(MOST_SHARPENED)
-        np.clip(step, -most, most, out=step)
-        step *= there[1:] & there[:-1]
-        to[1:] += step
-        to[:-1] -= step
-    return result
+    row = place // dr.opaque(jit.UInt32, raster.width)
+    column = place - row * dr.opaque(jit.UInt32, raster.width)
+    *own, share = values_at(image, place, channels)
+    result = list(own)
+    for at, count, stride in ((row, raster.height, raster.width), (column, raster.width, 1)):
+        step = dr.opaque(jit.UInt32, stride)
+        for inside, beside in (
+            (at > 0, place - step),
+            (at + 1 < dr.opaque(jit.UInt32, count), place + step),
+        ):
+            *others, its_share = values_at(image, dr.select(inside, beside, place), channels)
+            known = (share > 0.5) & (its_share > 0.5)
+            for channel, (value, other) in enumerate(zip(own, others, strict=True)):
+                most = dr.minimum(value, other) * MOST_SHARPENED
+                moved = dr.clip((other - value) * SUBPIXEL_VARIANCE, -most, most)
+                result[channel] = result[channel] - dr.select(known, moved, 0)
+    return [*result, share]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,7 +282,6 @@ class _Overlap:
     column: int
     row: int
     place: Window
-    sharp: Sequence[np.ndarray]
 
     @classmethod
     def of(cls, spread: SpreadSlice, crop: Window) -> _Overlap:
@@ -242,13 +299,10 @@ class _Overlap:
             parts.append((begin - (needed[-1].start + first) * factor, begin - start, end - begin))
         (column, across, width), (row, down, height) = parts
         light = light[needed[1], needed[0]]
-        sharp = [
-            of[needed[1], needed[0]] for of in (spread.light, *spread.moments) if spread.is_sharp
-        ]
         while factor > 2 and light.size:
             light = _doubled(_doubled(light, 0), 1)
             factor //= 2
-        return cls(light, factor, column, row, Window(across, down, width, height), sharp)
+        return cls(light, factor, column, row, Window(across, down, width, height))
 
     def rows(self, start: int, end: int) -> np.ndarray:
         """Rows ``start`` to ``end`` of the crop, with no more than the columns of the overlap.
@@ -262,12 +316,6 @@ class _Overlap:
         first = max(start // 2 - 1, 0)
         rows = self.light[first : (end + 1) // 2 + 1]
         return _doubled(_doubled(rows, 0)[start - 2 * first : end - 2 * first], 1)[:, columns]
-
-    def sharp_rows(self, start: int, end: int) -> list[np.ndarray]:
-        """What is sharp in rows ``start`` to ``end`` of the crop: light, and its moments."""
-        rows = slice(start - self.place.top + self.row, end - self.place.top + self.row)
-        columns = slice(self.column, self.column + self.place.width)
-        return [of[rows, columns] for of in self.sharp]
 
 
 def _doubled(image: np.ndarray, axis: int) -> np.ndarray:
