@@ -60,7 +60,8 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     if np.abs(density - 1).max() < EVEN:
         return Evened(fragments, None, _moments(fragments))
     sampled = density > 0
-    fragments = fragments.chosen(sampled.ravel()[subpixel])
+    if not sampled.all():
+        fragments = fragments.chosen(sampled.ravel()[subpixel])
     fragments = fragments.scaled(1 / total[fragments.subpixel])
     if not sampled.all():
         sparse = SPARSE_REACH * (np.sqrt(density) - 1)
@@ -76,9 +77,11 @@ def _moments(fragments: Fragments) -> np.ndarray | None:
         return None
     shape = fragments.height, fragments.width
     first = fragments.gap_in_front == 0
-    subpixel, shares = fragments.subpixel[first], fragments.moments[first, :, SHARE]
-    sums = [np.bincount(subpixel, of, shape[0] * shape[1]) for of in shares.T]
-    return np.stack(sums, axis=-1).astype(np.float32).reshape(*shape, -1)
+    subpixel, size = fragments.subpixel[first], shape[0] * shape[1]
+    moments = np.empty((size, fragments.moments.shape[1]), np.float32)
+    for k, shares in enumerate(fragments.moments[..., SHARE].T):
+        moments[:, k] = np.bincount(subpixel, shares[first], size)
+    return moments.reshape(*shape, -1)
 
 
 def _nearest(sampled: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -34,15 +35,16 @@ def gather(
     samples = one_subpixel_each(samples, subpixels)
     raster = samples.window.subdivided(subpixels)
     bins = _Bins.of(samples, radius_per_vergence)
-    parts = [slice(i, i + GATHERED_AT_ONCE) for i in range(0, len(samples), GATHERED_AT_ONCE)]
-    located = functools.partial(_located, samples, subpixels, raster, bins)
+    parts = _parts(samples)
+    located = functools.partial(_located, samples, subpixels, raster)
 
     nearest = dr.zeros(jit.UInt32, raster.size)
     farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
     for part in parts:
         at = located(part)
+        bin_ = bins.of_vergence(at.vergence)
         for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
-            dr.scatter_reduce(op, ends, at.bin, at.subpixel, at.visible, mode=scatter_mode())
+            dr.scatter_reduce(op, ends, bin_, at.subpixel, at.visible, mode=scatter_mode())
         dr.eval(nearest, farthest)
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
@@ -53,23 +55,20 @@ def gather(
         at = located(part)
         alone = at.visible & dr.gather(jit.Bool, one_depth, at.subpixel)
         sums_alone.add(samples, part, subpixels, at, alone)
-        left_over = dr.compress(~alone)
-        columns = (at.subpixel, at.bin, at.across, at.down)
-        where = [np.array(dr.gather(type(c), c, left_over)) for c in columns]
-        others.append([np.array(left_over).astype(np.int64) + part.start, *where])
+        others.append(_index(~alone, part))
 
-    place, alone_sums = sums_alone.found()
-    other_place, other_layer, other_sums = _sorted_sums(
-        samples, subpixels, alpha, degree, *(np.concatenate(c) for c in zip(*others, strict=True))
+    index = np.concatenate(others)
+    other_place, other_layer, other_vergence, other_light = _sorted_sums(
+        samples, subpixels, alpha, degree, index, *_places(located, index, bins)
     )
-    sums = [np.concatenate(columns) for columns in zip(alone_sums, other_sums, strict=True)]
+    place, vergence, light = sums_alone.found(len(other_place))
+    light[len(place) :] = other_light
     hidden = np.concatenate([np.zeros(len(place), dtype=bool), other_layer > 0])
     place = np.concatenate([place, other_place])
-    vergence = sums.pop() / sums[SHARE]
+    vergence = np.concatenate([vergence, other_vergence])
     gap = np.zeros(len(vergence))
     first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
     gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    light = np.stack(sums, axis=1).reshape(len(place), -1, SHARE + 1 + alpha)
     found = Fragments(
         raster.width,
         raster.height,
@@ -89,30 +88,53 @@ def gather(
 def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
     """Fragments of ``samples``, some or all that :func:`gather` made, with their ``offset``."""
     samples = one_subpixel_each(samples, subpixels)
-    size = fragments.width * fragments.height
+    raster = samples.window.subdivided(subpixels)
+    located = functools.partial(_located, samples, subpixels, raster)
     own, first = fragments.subpixel, fragments.gap_in_front == 0
-    asked = np.zeros(size, dtype=bool)
-    asked[own[first]] = True
-    left, top = samples.window[:2]
-    # Of many samples few are asked for: the others cost no more than their places.
-    fine = [(at - np.float32(of)) * subpixels for at, of in ((samples.x, left), (samples.y, top))]
-    places = [
-        np.clip(np.floor(at), 0, count - 1).astype(np.int32)
-        for at, count in zip(fine, (fragments.width, fragments.height), strict=True)
-    ]
-    subpixel = places[1].astype(np.int64) * fragments.width + places[0]
-    these = np.flatnonzero(asked[subpixel])
-    these = these[samples.layer[these] == 0]
-    subpixel = subpixel[these]
+    asked = np.zeros(raster.size, dtype=np.uint8)
+    asked[own[first]] = 1
+    is_asked = jit.from_numpy(jit.UInt8, asked)
+    found = [np.empty(0, np.int64)]
+    for part in _parts(samples) if first.any() else []:
+        at = located(part)
+        found.append(_index(at.visible & (dr.gather(jit.UInt8, is_asked, at.subpixel) > 0), part))
+    these = np.concatenate(found)
+    subpixel, *places = _places(located, these)
     light = (samples.weight[these] * samples.rgb[these].max(axis=1)).astype(np.float64)
-    total = np.bincount(subpixel, light, size)[own]
+    total = np.bincount(subpixel, light, raster.size)[own]
     offset = [
-        np.bincount(subpixel, light * (at[these] - place[these] - 0.5), size)[own]
-        / np.where(total > 0, total, 1)
-        for at, place in zip(fine, places, strict=True)
+        np.bincount(subpixel, light * place / 2, raster.size)[own] / np.where(total > 0, total, 1)
+        for place in places
     ]
     offset = np.clip(np.stack(offset, axis=1), -0.5, 0.5) * first[:, None]
     return dataclasses.replace(fragments, offset=offset.astype(np.float32))
+
+
+def _parts(samples: PointSamples) -> list[slice]:
+    """Samples that are gathered at once, from the first to the last."""
+    return [slice(i, i + GATHERED_AT_ONCE) for i in range(0, len(samples), GATHERED_AT_ONCE)]
+
+
+def _index(which: jit.Bool, part: slice) -> np.ndarray:
+    """Index, int64 (n,), of the samples of a ``part`` of which ``which`` is true."""
+    return np.array(dr.compress(which)).astype(np.int64) + part.start
+
+
+def _places(
+    located: Callable[[np.ndarray], _Located], index: np.ndarray, bins: _Bins | None = None
+) -> list[np.ndarray]:
+    """Of the samples ``index`` the subpixel, where in it they are across and down, and the bin.
+
+    The last is left out without ``bins``.
+    """
+    if len(index) == 0:
+        return [np.empty(0, np.int64)] * (3 if bins is None else 4)
+    at = located(index)
+    columns: list[Any] = [at.subpixel, at.across, at.down]
+    if bins is not None:
+        columns.append(bins.of_vergence(at.vergence))
+    dr.eval(columns)
+    return [np.array(column) for column in columns]
 
 
 def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:
@@ -150,35 +172,37 @@ class _Bins(NamedTuple):
         width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
         return cls(float(ends[0]), width)
 
+    def of_vergence(self, vergence: jit.Float) -> jit.UInt32:
+        """The bins of samples."""
+        from_first = (vergence - self.vergence_min) * dr.opaque(jit.Float, 1 / self.width)
+        return dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
+
 
 class _Located(NamedTuple):
-    """Subpixel, vergence and bin of samples, and which of them the pinhole sees.
+    """Subpixel and vergence of samples, and which of them the pinhole sees.
 
     ``across`` and ``down``, from -1 to 1, tell where in the subpixel they are.
     """
 
     subpixel: jit.UInt32
     vergence: jit.Float
-    bin: jit.UInt32
     visible: jit.Bool
     across: jit.Float
     down: jit.Float
 
 
 def _located(
-    samples: PointSamples, subpixels: int, raster: Window, bins: _Bins, part: slice
+    samples: PointSamples, subpixels: int, raster: Window, part: slice | np.ndarray
 ) -> _Located:
+    """Where the samples of a ``part``, or those of its indices, are on a ``raster``."""
     left, top = samples.window[:2]
     x = (jit.Float(samples.x[part]) - left) * subpixels
     y = (jit.Float(samples.y[part]) - top) * subpixels
     column = dr.clip(jit.Int32(dr.floor(x)), 0, raster.width - 1)
     row = dr.clip(jit.Int32(dr.floor(y)), 0, raster.height - 1)
-    vergence = dr.rcp(jit.Float(samples.z[part]))
-    from_first = (vergence - bins.vergence_min) * dr.opaque(jit.Float, 1 / bins.width)
     return _Located(
         jit.UInt32(row * raster.width + column),
-        vergence,
-        dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS),
+        dr.rcp(jit.Float(samples.z[part])),
         jit.UInt8(samples.layer[part]) == 0,
         dr.clip(2 * (x - jit.Float(column)) - 1, -1, 1),
         dr.clip(2 * (y - jit.Float(row)) - 1, -1, 1),
@@ -188,7 +212,7 @@ def _located(
 class _SumsAlone:
     """Sums over the samples of subpixels that show one depth, for each subpixel.
 
-    They are R, G, B, share, and alpha if asked for, then their moments, and last vergence.
+    They are R, G, B, share, and alpha if asked for, their moments, and vergence.
     """
 
     def __init__(self, size: int, alpha: bool, degree: int) -> None:
@@ -214,14 +238,22 @@ class _SumsAlone:
         dr.scatter_add(self.vergence, all_weight * at.vergence, at.subpixel, alone, mode=mode)
         dr.eval(self.light, self.alpha, self.vergence)
 
-    def found(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The subpixels that have some, and the sums of each."""
-        light = [np.array(of).reshape(-1, 4) for of in self.light]
-        place = np.flatnonzero(light[0][:, SHARE])
-        sums: list[np.ndarray] = []
-        for k, of in enumerate(light):
-            sums += [*of[place].T, *(np.array(alpha)[place] for alpha in self.alpha[k : k + 1])]
-        return place, [*sums, np.array(self.vergence)[place]]
+    def found(self, more: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The subpixels that have some, their mean vergence, and the sums of each.
+
+        The sums are float32 (n + ``more``, 1 + moments, 4 or 5), of which the last are left empty.
+        """
+        values = np.array(self.light[0]).reshape(-1, 4)
+        place = np.flatnonzero(values[:, SHARE])
+        channels = values.shape[1] + bool(self.alpha)
+        light = np.empty((len(place) + more, len(self.orders), channels), np.float32)
+        own = light[: len(place)]
+        for k, of in enumerate(self.light):
+            own[:, k, :4] = np.array(of).reshape(-1, 4)[place]
+        for k, of in enumerate(self.alpha):
+            own[:, k, 4] = np.array(of)[place]
+        vergence = np.array(self.vergence)[place].astype(np.float64) / own[:, 0, SHARE]
+        return place, vergence, light
 
 
 def _sorted_sums(
@@ -231,22 +263,25 @@ def _sorted_sums(
     degree: int,
     index: np.ndarray,
     places: np.ndarray,
-    bins: np.ndarray,
     across: np.ndarray,
     down: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    bins: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples ``index`` summed by subpixel, depth layer and bin, by sorting.
 
-    Returns subpixel and layer of each sum, and the sums as :class:`_SumsAlone` has them.
+    Returns subpixel, layer and mean vergence of each sum, and the sums as :class:`_SumsAlone` has
+    them, float64.
     """
     key = places.astype(np.int64) * 256 + samples.layer[index]
     keys, same = np.unique(key * (MAX_BINS + 1) + bins, return_inverse=True)
     all_weight = samples.weight[index].astype(np.float64) * subpixels**2
     columns = [*samples.rgb[index].T, 1.0, *([samples.alpha[index]] if alpha else [])]
-    sums = []
-    for i, j in [(0, 0), *orders(degree)]:
+    every = [(0, 0), *orders(degree)]
+    light = np.empty((len(keys), len(every), len(columns)))
+    for k, (i, j) in enumerate(every):
         weight = all_weight * legendre(i, across) * legendre(j, down)
-        sums += [np.bincount(same, weight * column, len(keys)) for column in columns]
-    sums.append(np.bincount(same, all_weight / samples.z[index], len(keys)))
+        for channel, column in enumerate(columns):
+            light[:, k, channel] = np.bincount(same, weight * column, len(keys))
+    vergence = np.bincount(same, all_weight / samples.z[index], len(keys)) / light[:, 0, SHARE]
     place_and_layer = keys // (MAX_BINS + 1)
-    return place_and_layer // 256, place_and_layer % 256, sums
+    return place_and_layer // 256, place_and_layer % 256, vergence, light
