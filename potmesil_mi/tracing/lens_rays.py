@@ -6,6 +6,7 @@ A shadow ray answers it, whatever the surface is a part of: nothing is known of 
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import drjit as dr
 import mitsuba as mi
@@ -109,7 +110,7 @@ class LensRays:
 
         Each target has an order of its own of all ``LENS_POINTS`` of them.
         """
-        u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
+        u, v = self._points
         sine, cosine = dr.sincos(mi.Float(target.number * TURN) * (2 * dr.pi / 2**32))
         width, height = (dr.opaque(mi.Float, half) for half in self.radius)
         side = dr.dot(target.normal, target.direction)
@@ -127,6 +128,12 @@ class LensRays:
         state = dr.full(mi.Bool, True, dr.width(target)), mi.UInt32(first)
         left, _ = dr.while_loop(state, lambda active, step: active & (step < end), look)
         return ~left
+
+    @functools.cached_property
+    def _points(self) -> tuple[mi.Float, mi.Float]:
+        """The points in radii of the lens."""
+        u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
+        return u, v
 
     def _towards(self, target: Target, u: mi.Float, v: mi.Float) -> mi.Ray3f:
         """The ray from the point (u, v) of the lens to ``target``."""

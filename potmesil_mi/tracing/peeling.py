@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,7 +25,6 @@ from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
 from .disocclusion import disoccluded
 from .lens_rays import LENS_POINTS, LensRays, Target
-from .passes import wavefronts
 from .rays import PrimaryRays
 from .virtual_depth import Visible
 
@@ -37,6 +37,15 @@ where these have seen something."""
 
 VOTERS = 16
 """Samples, at least, that a cell of the film has."""
+
+AT_ONCE = 1 << 19
+"""Rays that are followed at once: memory is bounded."""
+
+USUALLY_MET = 8
+"""There is room for so many surfaces a ray; where that is too little, rays are followed again."""
+
+LEAST_ROOM = 1 << 21
+"""There is room for so many, at least."""
 
 SIDES = 2
 """A ray is followed through so many surfaces for each that may be kept: into things and out."""
@@ -92,10 +101,10 @@ def add_hidden(
     first = buffer.columns()
     cells = _cells(first.x[chosen], first.y[chosen])
     parts: list[Hidden] = []
-    for part in track(wavefronts(len(chosen), 1), LABEL):
-        number = chosen[part]
+    for start in track(range(0, len(chosen), AT_ONCE), LABEL):
+        number = chosen[start : start + AT_ONCE]
         place = first.x[number], first.y[number], first.z[number]
-        parts += peeled(number, *place, cells[part], rays, lens, layers)
+        parts.append(peeled(number, *place, cells[start : start + AT_ONCE], rays, lens, layers))
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -110,53 +119,100 @@ def peeled(
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
-) -> list[Hidden]:
-    """What the primary rays ``chosen`` meet behind the first surface, and the lens sees: in parts.
+) -> Hidden:
+    """What the primary rays ``chosen`` meet behind the first surface, and the lens sees.
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
     uint32. What a mirror shows hides nothing.
     """
-    on_film = mi.Point2f(from_numpy(mi.Float, x), from_numpy(mi.Float, y))
-    goes_on, passed = _behind_first(on_film, from_numpy(mi.Float, z), rays)
-    columns = (chosen, np.zeros(len(chosen), np.uint32), cells)
-    there = _Front(on_film, passed, *(from_numpy(mi.UInt32, column) for column in columns))
-    count = int(cells.max(initial=0)) + 1
-    found: list[Hidden] = []
-    for _ in range(SIDES * layers - 1):
-        dr.eval(goes_on, there)
-        further = dr.compress(goes_on)
-        if dr.width(further) == 0:
-            break
-        here = dr.gather(_Front, there, further)
-        ray = _primary(here.position, here.start, rays)
-        visible = rays.visible(ray)
-        goes_on, passed = _passed(ray, here.start, visible)
-        target = _target(ray, visible, here.index)
-        surface = rays.surface_of(visible.hit)
-        dr.eval(here, goes_on, passed, visible.depth, surface, target)
-        sees = _sees(lens, target, here.cell, count)
-        layer = here.layer + dr.select(sees, mi.UInt32(1), mi.UInt32(0))
-        goes_on &= layer < dr.opaque(mi.UInt32, layers - 1)
-        kept = dr.compress(sees)
-        of = here.index, layer, here.start, visible.depth, surface
-        found.append(Hidden(*(np.array(dr.gather(type(each), each, kept)) for each in of)))
-        there = _Front(here.position, passed, here.index, layer, here.cell)
-    return found
+    steps = SIDES * layers - 1
+    number = from_numpy(mi.UInt32, chosen)
+    position = mi.Point2f(from_numpy(mi.Float, x), from_numpy(mi.Float, y))
+    met = _met_behind(position, from_numpy(mi.Float, z), number, rays, steps)
+    if dr.width(met.step) == 0:
+        return Hidden.joined([])
+    cell = dr.gather(mi.UInt32, from_numpy(mi.UInt32, cells), met.ray)
+    sees = _sees(lens, met.target, cell * steps + met.step, (int(cells.max()) + 1) * steps)
+    kept = dr.compress(sees)
+    of = met.target.number, met.step, met.start, met.z, met.surface
+    columns = [np.array(dr.gather(type(each), each, kept)) for each in of]
+    order = np.lexsort((columns[1], columns[0]))
+    ray, _, start, depth, surface = (column[order] for column in columns)
+    # Along each ray they are counted from 1.
+    first = np.flatnonzero(np.diff(ray, prepend=-1))
+    layer = np.arange(len(ray)) - np.repeat(first, np.diff(first, append=len(ray))) + 1
+    few = layer < layers
+    return Hidden(ray[few], layer[few].astype(np.uint32), start[few], depth[few], surface[few])
 
 
 @dataclasses.dataclass
-class _Front:
-    """How far primary rays have been followed, as Dr.Jit arrays: the fields of :class:`Hidden`.
+class _Met:
+    """What primary rays meet behind what they show first: N surfaces, as Dr.Jit arrays.
 
-    ``position`` is theirs on the film, ``cell`` the number of the cell in which that is.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``ray``                       which of the rays that are followed meets it
+    ``step``                      how many others it has met there before, behind the first
+    ``start``, ``z``, ``surface``  as in :class:`Hidden`
+    ``target``                    what of it is to be seen
+    ============================  ==========================================================
     """
 
-    position: mi.Point2f
+    ray: mi.UInt32
+    step: mi.UInt32
     start: mi.Float
-    index: mi.UInt32
-    layer: mi.UInt32
-    cell: mi.UInt32
+    z: mi.Float
+    surface: mi.UInt32
+    target: Target
+
+
+def _met_behind(
+    position: mi.Point2f, z: mi.Float, number: mi.UInt32, rays: PrimaryRays, steps: int
+) -> _Met:
+    """What primary rays meet behind what they show first, at most ``steps`` surfaces each.
+
+    ``position`` is theirs on the film, ``z`` the depths of what they show first, ``number`` their
+    numbers. In no order.
+    """
+    capacity = max(USUALLY_MET * dr.width(number), LEAST_ROOM)
+    while True:
+        room, count = dr.empty(_Met, capacity), dr.zeros(mi.UInt32)
+        _follow(position, z, number, rays, steps, count, room)
+        dr.eval(room, count)
+        met = int(count[0])
+        if met <= capacity:
+            return dr.gather(_Met, room, dr.arange(mi.UInt32, met))
+        capacity = met
+
+
+def _follow(
+    position: mi.Point2f,
+    z: mi.Float,
+    number: mi.UInt32,
+    rays: PrimaryRays,
+    steps: int,
+    count: mi.UInt32,
+    room: _Met,
+) -> None:
+    """Write what rays meet into ``room``, as far as it goes, and how much that is to ``count``."""
+    capacity = dr.opaque(mi.UInt32, dr.width(room.step))
+    ray_index = dr.arange(mi.UInt32, dr.width(number))
+
+    def step(active: mi.Bool, start: mi.Float, met: mi.UInt32) -> tuple[Any, Any, Any]:
+        ray = _primary(position, start, rays)
+        visible = rays.visible(ray)
+        goes_on, passed = _passed(ray, start, visible)
+        place = dr.scatter_inc(count, mi.UInt32(0), active)
+        surface, target = rays.surface_of(visible.hit), _target(ray, visible, number)
+        found = _Met(ray_index, met, start, visible.depth, surface, target)
+        dr.scatter(room, found, place, active & (place < capacity))
+        return active & goes_on & (met + 1 < steps), passed, met + 1
+
+    goes_on, passed = _behind_first(position, z, rays)
+    state = goes_on, passed, dr.zeros(mi.UInt32, dr.width(number))
+    dr.while_loop(state, lambda active, *_: active, step, mode="symbolic")
 
 
 def _primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -> mi.Ray3f:

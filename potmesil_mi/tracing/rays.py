@@ -90,7 +90,7 @@ class PrimaryRays:
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
         origin = to_world @ mi.Point3f(0)
-        if is_orthographic(self.sensor):
+        if self.parallel:
             # Each point of the film has an axis of its own, from the plane at depth 0.
             axis = dr.normalize(axis)
             origin = ray.o - axis * dr.dot(ray.o - origin, axis)
@@ -117,7 +117,7 @@ class PrimaryRays:
     def _along_axis(self, step: mi.Vector3f) -> mi.Float:
         """By how much the depth grows along a ``step`` in the world."""
         to_world = self.sensor.world_transform()
-        if is_orthographic(self.sensor):  # Its axes are scaled.
+        if self.parallel:  # Its axes are scaled.
             return dr.dot(step, dr.normalize(to_world @ mi.Vector3f(0, 0, 1)))
         return (to_world.inverse() @ mi.Vector3f(step)).z
 
@@ -147,6 +147,11 @@ class PrimaryRays:
             z=depth,
             surface=surface,
         )
+
+    @functools.cached_property
+    def parallel(self) -> bool:
+        """Whether the rays are parallel: the camera is orthographic."""
+        return is_orthographic(self.sensor)
 
     @property
     def all_block(self) -> bool:
