@@ -382,6 +382,9 @@ def _seen_from(
             lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, _as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
+            # What still refers to the covered subpixels makes Dr.Jit copy them all before the next
+            # step adds to them.
+            del free
     return np.array(seen).reshape(behind.count, count)
 
 
