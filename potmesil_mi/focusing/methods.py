@@ -36,8 +36,11 @@ CROWDED = 0.25
 """Hidden samples for each visible one from which on a scene is crowded with things that the lens
 sees past, such as hair or twigs."""
 
-CROWDED_SQUARES = 2
-"""Subpixels on a side of a pixel of ``layered`` in crowded scenes."""
+MANY_SAMPLES = 64
+"""Samples a pixel from which on their noise is less than what whole pixels leave out."""
+
+CLOSE_SQUARES = 2
+"""Subpixels on a side of a pixel of ``layered`` in crowded scenes, and for many samples."""
 
 CROWDED_LENS_POINTS = 64
 """Lens points of ``layered`` in crowded scenes."""
@@ -98,19 +101,21 @@ class _Visible(Method):
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
-        diffracts = aperture_behind(psf).diffracts
-        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples)
-        # Subpixels without a sample show nothing. Beyond the crop window samples may be sparse.
         crop = samples.crop_window
-        own = np.count_nonzero(crop.shows(samples.x, samples.y, samples.window))
-        return max(1, min(squares, math.isqrt(own // crop.size)))
+        # Beyond the crop window samples may be sparse.
+        own = crop.shows(samples.x, samples.y, samples.window) & (samples.layer == 0)
+        per_pixel = np.count_nonzero(own) // crop.size
+        diffracts = aperture_behind(psf).diffracts
+        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples, per_pixel)
+        # Subpixels without a sample show nothing.
+        return max(1, min(squares, math.isqrt(per_pixel)))
 
     def points_for(self, samples: PointSamples) -> int:
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples) -> int:
-        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
+    def squares_for(self, samples: PointSamples, per_pixel: int) -> int:
+        """Subpixels on a side of a pixel for ``samples``, so many ``per_pixel``, if they do."""
         return self.usual_squares
 
 
@@ -123,8 +128,8 @@ class Layered(_Visible):
     ============================  ==========================================================
     ``lens_points``               points of the lens from which visibility is found, 1 to 4096
                                   (default 32, in crowded scenes 64, with vignetting 128)
-    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1, in crowded
-                                  scenes and with diffraction 2)
+    ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1; from 64
+                                  samples a pixel on, in crowded scenes and with diffraction 2)
     ============================  ==========================================================
 
     A scene is crowded where for every four samples that the pinhole sees there is a hidden one,
@@ -140,9 +145,10 @@ class Layered(_Visible):
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return CROWDED_LENS_POINTS if _is_crowded(samples) else self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples) -> int:
-        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
-        return CROWDED_SQUARES if _is_crowded(samples) else self.usual_squares
+    def squares_for(self, samples: PointSamples, per_pixel: int) -> int:
+        """Subpixels on a side of a pixel for ``samples``, so many ``per_pixel``, if they do."""
+        closely = per_pixel >= MANY_SAMPLES or _is_crowded(samples)
+        return CLOSE_SQUARES if closely else self.usual_squares
 
 
 def _is_crowded(samples: PointSamples) -> bool:

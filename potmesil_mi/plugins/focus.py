@@ -49,7 +49,8 @@ class FocusIntegrator(WrapperIntegrator):
      * - squares
        - |int|
        - Subpixels on a side of a pixel that are formed and averaged, 1 to 16.
-         (Default: 1 for ``layered``, in crowded scenes 2; 2 for the others)
+         (Default: 1 for ``layered``, but 2 in crowded scenes and from 64 samples a pixel
+         on; 2 for the others)
      * - filter, filter_2, ...
        - |string|
        - Special effects for the finished picture, in the order of their numbers, of names that

@@ -174,7 +174,9 @@ class PointSamples(Columns):
         and alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
         pixels, become one. It has the sum of their weights and, weighted by these, the mean of
         their positions, colours and 1/z (of an orthographic camera z), so that the light of a
-        pixel is unchanged. Samples on a lattice belong to several pixels and stay as they are.
+        pixel is unchanged. Where there were 64 a pixel, ``layered`` no longer forms the picture on
+        subpixels by itself, but with ``squares=2``. Samples on a lattice belong to several pixels
+        and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not 0 < tolerance < np.inf:

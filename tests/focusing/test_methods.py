@@ -116,3 +116,16 @@ def test_layered_looks_closer_where_much_is_hidden():
         both = few, crowd
         assert tuple(method.default_squares(each, psf) for each in both) == squares
         assert tuple(method.points_for(each) for each in both) == points
+
+
+def test_layered_looks_closer_where_samples_are_many():
+    """From 64 a pixel on, of what the pinhole sees: hidden ones do not count."""
+    window = overscanned().window
+    squares = []
+    for per_pixel in (55, 75):
+        samples = overscanned(per_pixel * window.width * window.height).replace(layer=None)
+        psf = samples.lens.aperture
+        squares.append(pm.Layered().default_squares(samples, psf))
+        hidden = samples.replace(layer=(np.arange(len(samples)) % 6 == 5).astype(np.uint8))
+        assert pm.Layered().default_squares(hidden, psf) == 1
+    assert squares == [1, 2]
