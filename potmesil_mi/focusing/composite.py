@@ -126,7 +126,7 @@ class Compositor:
         admitted[share <= FAINTEST] = 0
         if is_sharp:
             self.admitted[place] = admitted
-        light *= admitted[..., None]
+        light *= _in_each_channel(admitted, light.shape[-1])
         covered += light[..., SHARE]
         nearer = self.total if self.behind is None else self.behind
         nearer[place] += light
@@ -162,10 +162,9 @@ class Compositor:
         both = self.sharp.box.intersection(self.crop)
         place = both.slices_in(self.crop)
         share = self.sharp.light[both.slices_in(self.sharp.box)][..., SHARE]
-        near[place] = share / np.maximum(self.covered[place], FAINTEST) > FAINTEST_BLUR
-        for axis in (0, 1):
-            of = np.moveaxis(near, axis, 0)
-            grown = of.copy()
+        near[place] = share > FAINTEST_BLUR * np.maximum(self.covered[place], FAINTEST)
+        for of in (near, near.T):
+            grown = of.copy(order="K")
             for step in range(1, self.subpixels + 1):
                 grown[step:] |= of[:-step]
                 grown[:-step] |= of[step:]
@@ -212,7 +211,10 @@ class Compositor:
         return FinePicture(tensors[0], weights, tensors[1:])
 
     def _of_sharp(self, image: np.ndarray | None, place: jit.UInt32) -> list[jit.Float]:
-        """The values of an image of the sharp slice at places of the crop; 0 where it is not."""
+        """The values of an image of the sharp slice, if there is one, at places of the crop.
+
+        They are 0 where it is not.
+        """
         channels = self.total.shape[-1]
         if self.sharp is None or image is None:
             return [jit.Float(0)] * channels
@@ -228,6 +230,17 @@ class Compositor:
         return [dr.select(inside, value, 0) for value in values]
 
 
+def _in_each_channel(plane: np.ndarray, channels: int) -> np.ndarray:
+    """A plane, (H, W), in each channel of an image, (H, W, C).
+
+    NumPy multiplies by this faster than by a plane for which it has to repeat each element.
+    """
+    image = np.empty((*plane.shape, channels), plane.dtype)
+    for channel in range(channels):
+        image[..., channel] = plane
+    return image
+
+
 def _fill(total: np.ndarray, behind: np.ndarray, covered: np.ndarray) -> None:
     """Add what is ``behind`` what is sharp, so that it fills the subpixels as far as it is there.
 
@@ -237,7 +250,7 @@ def _fill(total: np.ndarray, behind: np.ndarray, covered: np.ndarray) -> None:
     more = (1 - covered) / np.maximum(behind[..., SHARE], FAINTEST)
     np.clip(more, 0, MOST_FILLED, out=more)
     more += 1
-    behind *= more[..., None]
+    behind *= _in_each_channel(more, behind.shape[-1])
     total += behind
 
 

@@ -107,6 +107,8 @@ def interleaved(values: Sequence[jit.Float]) -> jit.Float:
     """An image of the ``values`` of its channels: those of a place follow each other."""
     if len(values) == 4:
         return dr.ravel(jit.Array4f(*values))
+    # A channel is put there after the other: what is not evaluated would be computed for each.
+    dr.eval(values)
     size, channels = dr.width(values), len(values)
     image, place = dr.empty(jit.Float, size * channels), dr.arange(jit.UInt32, size) * channels
     for channel, value in enumerate(values):
