@@ -1,5 +1,6 @@
 import math
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -316,3 +317,16 @@ def test_the_pinhole_of_a_closed_lens_sees_what_the_samples_show():
     image = np.array(pm.focus(samples.replace(rgb=colours), samples.lens.replace(f_number=np.inf)))
     np.testing.assert_array_equal(image[:, :EDGE], np.broadcast_to([1, 0, 0], (44, EDGE, 3)))
     np.testing.assert_array_equal(image[:, EDGE:], np.broadcast_to([0, 1, 0], (44, 60 - EDGE, 3)))
+
+
+def test_covered_subpixels_are_not_copied_at_every_step():
+    """Dr.Jit copies an array to which something still refers before it is added to."""
+    steps = [(lambda x, y, end=EDGE - n: x < end, 1 + 0.1 * n) for n in range(20)]
+    fragments = gather(planes(*steps, (everywhere, 4.0)), 1, 20.0)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        visibility(fragments, 20.0, lens_points(16))
+        kernels = dr.kernel_history()
+    copied = [each["size"] for each in kernels if each["type"] == dr.KernelType.Memcpy]
+    assert sum(each["type"] == dr.KernelType.JIT for each in kernels) > 20
+    assert sum(copied) < 16 * fragments.width * fragments.height

@@ -1,11 +1,13 @@
 """What is sampled beyond what the pinhole sees: hidden surfaces and overscan."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.optics.blur import widest_radius_per_vergence
+from potmesil_mi.tracing import peeling
 from scenes import LENS, diffuse
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -293,6 +295,34 @@ def test_layers_are_what_one_ray_meets_one_after_the_other():
         seen = of_what(samples, name, behind)
         assert len(seen["z"]) > 0.75 * len(behind["z"])
         np.testing.assert_allclose(seen["z"], depth, rtol=1e-5)
+
+
+def test_many_surfaces_behind_each_other_take_no_more_kernels_than_few():
+    """Rays are followed in one kernel, however deep they go."""
+
+    def kernels(count):
+        quads = {f"quad{i}": plain(-0.1, 0.1, 1.5 + 0.2 * i, height=0.2) for i in range(count)}
+        scene = shown(wall=glowing(-9, 9, 4.0, height=20.0), **quads)
+        pm.render_samples(scene)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            samples = pm.render_samples(scene)
+            return samples.layer.max(), len(dr.kernel_history())
+
+    (few_layers, few), (many_layers, many) = kernels(2), kernels(10)
+    assert many_layers > few_layers
+    assert many <= few
+
+
+def test_where_there_was_too_little_room_rays_are_followed_again(monkeypatch):
+    scene = shown(near=plain(-0.5, 0.5, 1.5), far=glowing(-9, 9, 4.0, height=20.0))
+    expected = pm.render_samples(scene)
+    monkeypatch.setattr(peeling, "LEAST_ROOM", 1)
+    monkeypatch.setattr(peeling, "USUALLY_MET", 0)
+    samples = pm.render_samples(scene)
+    assert (expected.layer > 0).any()
+    for name in (*COLUMNS, "layer"):
+        np.testing.assert_array_equal(getattr(samples, name), getattr(expected, name))
 
 
 def test_one_layer_gives_no_hidden_samples():
