@@ -104,18 +104,18 @@ class _Visible(Method):
         crop = samples.crop_window
         # Beyond the crop window samples may be sparse.
         own = crop.shows(samples.x, samples.y, samples.window) & (samples.layer == 0)
-        per_pixel = np.count_nonzero(own) // crop.size
+        spp = np.count_nonzero(own) // crop.size
         diffracts = aperture_behind(psf).diffracts
-        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples, per_pixel)
+        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples, spp)
         # Subpixels without a sample show nothing.
-        return max(1, min(squares, math.isqrt(per_pixel)))
+        return max(1, min(squares, math.isqrt(spp)))
 
     def points_for(self, samples: PointSamples) -> int:
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples, per_pixel: int) -> int:
-        """Subpixels on a side of a pixel for ``samples``, so many ``per_pixel``, if they do."""
+    def squares_for(self, samples: PointSamples, spp: int) -> int:
+        """Subpixels on a side of a pixel for ``samples``, ``spp`` of them in each, if they do."""
         return self.usual_squares
 
 
@@ -145,9 +145,9 @@ class Layered(_Visible):
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return CROWDED_LENS_POINTS if _is_crowded(samples) else self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples, per_pixel: int) -> int:
-        """Subpixels on a side of a pixel for ``samples``, so many ``per_pixel``, if they do."""
-        closely = per_pixel >= MANY_SAMPLES or _is_crowded(samples)
+    def squares_for(self, samples: PointSamples, spp: int) -> int:
+        """Subpixels on a side of a pixel for ``samples``, ``spp`` of them in each, if they do."""
+        closely = spp >= MANY_SAMPLES or _is_crowded(samples)
         return CLOSE_SQUARES if closely else self.usual_squares
 
 

@@ -122,8 +122,8 @@ def test_layered_looks_closer_where_samples_are_many():
     """From 64 a pixel on, of what the pinhole sees: hidden ones do not count."""
     window = overscanned().window
     squares = []
-    for per_pixel in (55, 75):
-        samples = overscanned(per_pixel * window.width * window.height).replace(layer=None)
+    for spp in (55, 75):
+        samples = overscanned(spp * window.width * window.height).replace(layer=None)
         psf = samples.lens.aperture
         squares.append(pm.Layered().default_squares(samples, psf))
         hidden = samples.replace(layer=(np.arange(len(samples)) % 6 == 5).astype(np.uint8))

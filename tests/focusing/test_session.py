@@ -66,7 +66,7 @@ def test_a_session_keeps_what_it_has_found_out_until_it_is_cleared():
 
 @pytest.mark.parametrize("method", ["layered", "lightfield"])
 def test_what_is_kept_stays_within_its_bytes_and_pictures_stay_right(method):
-    samples = overscanned()
+    samples = overscanned(16_000)
     free = pm.FocusSession(samples, method)
     expected = pictures(free)
     one = pm.FocusSession(samples, method)
