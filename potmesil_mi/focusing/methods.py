@@ -101,21 +101,17 @@ class _Visible(Method):
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
-        crop = samples.crop_window
-        # Beyond the crop window samples may be sparse.
-        own = crop.shows(samples.x, samples.y, samples.window) & (samples.layer == 0)
-        spp = np.count_nonzero(own) // crop.size
         diffracts = aperture_behind(psf).diffracts
-        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples, spp)
+        squares = DIFFRACTION_SQUARES if diffracts else self.squares_for(samples)
         # Subpixels without a sample show nothing.
-        return max(1, min(squares, math.isqrt(spp)))
+        return max(1, min(squares, math.isqrt(samples.spp)))
 
     def points_for(self, samples: PointSamples) -> int:
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples, spp: int) -> int:
-        """Subpixels on a side of a pixel for ``samples``, ``spp`` of them in each, if they do."""
+    def squares_for(self, samples: PointSamples) -> int:
+        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
         return self.usual_squares
 
 
@@ -145,16 +141,15 @@ class Layered(_Visible):
         """Lens points for ``samples``, unless ``lens_points`` says it."""
         return CROWDED_LENS_POINTS if _is_crowded(samples) else self.usual_lens_points
 
-    def squares_for(self, samples: PointSamples, spp: int) -> int:
-        """Subpixels on a side of a pixel for ``samples``, ``spp`` of them in each, if they do."""
-        closely = spp >= MANY_SAMPLES or _is_crowded(samples)
+    def squares_for(self, samples: PointSamples) -> int:
+        """Subpixels on a side of a pixel for ``samples``, if they are enough."""
+        closely = samples.spp >= MANY_SAMPLES or _is_crowded(samples)
         return CLOSE_SQUARES if closely else self.usual_squares
 
 
 def _is_crowded(samples: PointSamples) -> bool:
     """Whether so much is hidden that thin things cover each other in most pixels."""
-    hidden = np.count_nonzero(samples.layer)
-    return bool(hidden >= CROWDED * (len(samples) - hidden))
+    return samples.hidden_to_visible >= CROWDED
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,6 +7,7 @@ of every sample, with the parameters of the camera.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import warnings
 from collections.abc import Mapping
@@ -105,6 +106,18 @@ class PointSamples(Columns):
     def crop_window(self) -> Window:
         """The window that the picture shows: the crop window of the camera."""
         return Window(*self.camera.crop_offset, *self.camera.crop_size)
+
+    @functools.cached_property
+    def spp(self) -> int:
+        """Samples of what the pinhole sees in each pixel of the crop window, on the average."""
+        own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
+        return int(np.count_nonzero(own)) // self.crop_window.size
+
+    @functools.cached_property
+    def hidden_to_visible(self) -> float:
+        """Samples of what is hidden from the pinhole, for each of what it sees."""
+        hidden = int(np.count_nonzero(self.layer))
+        return hidden / max(len(self) - hidden, 1)
 
     def __repr__(self) -> str:
         width, height = self.camera.crop_size
