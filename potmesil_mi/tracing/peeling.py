@@ -25,6 +25,7 @@ from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
 from .disocclusion import disoccluded
 from .lens_rays import LENS_POINTS, LensRays, Target
+from .passes import wavefronts
 from .rays import PrimaryRays
 from .virtual_depth import Visible
 
@@ -37,9 +38,6 @@ where these have seen something."""
 
 VOTERS = 16
 """Samples, at least, that a cell of the film has."""
-
-AT_ONCE = 1 << 19
-"""Rays that are followed at once: memory is bounded."""
 
 USUALLY_MET = 8
 """There is room for so many surfaces a ray; where that is too little, rays are followed again."""
@@ -101,10 +99,10 @@ def add_hidden(
     first = buffer.columns()
     cells = _cells(first.x[chosen], first.y[chosen])
     parts: list[Hidden] = []
-    for start in track(range(0, len(chosen), AT_ONCE), LABEL):
-        number = chosen[start : start + AT_ONCE]
+    for part in track(wavefronts(len(chosen), USUALLY_MET), LABEL):
+        number = chosen[part]
         place = first.x[number], first.y[number], first.z[number]
-        parts.append(peeled(number, *place, cells[start : start + AT_ONCE], rays, lens, layers))
+        parts.append(peeled(number, *place, cells[part], rays, lens, layers))
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -132,8 +130,10 @@ def peeled(
     met = _met_behind(position, from_numpy(mi.Float, z), number, rays, steps)
     if dr.width(met.step) == 0:
         return Hidden.joined([])
+    # Only cells that have rays take memory, one for each step.
+    numbers, cells = np.unique(cells, return_inverse=True)
     cell = dr.gather(mi.UInt32, from_numpy(mi.UInt32, cells), met.ray)
-    sees = _sees(lens, met.target, cell * steps + met.step, (int(cells.max()) + 1) * steps)
+    sees = _sees(lens, met.target, cell * steps + met.step, len(numbers) * steps)
     kept = dr.compress(sees)
     of = met.target.number, met.step, met.start, met.z, met.surface
     columns = [np.array(dr.gather(type(each), each, kept)) for each in of]

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 COLUMNS = ("x", "y", "rgb", "alpha", "z", "surface", "weight")
 NO_OVERSCAN = pm.Sampling(overscan=0)
+STEPS = peeling.SIDES * NO_OVERSCAN.layers - 1
 CHECKS = {
     "type": "checkerboard",
     "color0": {"type": "rgb", "value": [0.2, 0.4, 0.7]},
@@ -317,12 +318,40 @@ def test_many_surfaces_behind_each_other_take_no_more_kernels_than_few():
 def test_where_there_was_too_little_room_rays_are_followed_again(monkeypatch):
     scene = shown(near=plain(-0.5, 0.5, 1.5), far=glowing(-9, 9, 4.0, height=20.0))
     expected = pm.render_samples(scene)
+    follow, rooms = peeling._follow, []
+
+    def followed(*arguments):
+        rooms.append(dr.width(arguments[-1].step))
+        follow(*arguments)
+
+    monkeypatch.setattr(peeling, "_follow", followed)
     monkeypatch.setattr(peeling, "LEAST_ROOM", 1)
-    monkeypatch.setattr(peeling, "USUALLY_MET", 0)
+    monkeypatch.setattr(peeling, "USUALLY_MET", 1)
     samples = pm.render_samples(scene)
+    assert len(rooms) == 2
+    assert rooms[0] < rooms[1]
     assert (expected.layer > 0).any()
     for name in (*COLUMNS, "layer"):
         np.testing.assert_array_equal(getattr(samples, name), getattr(expected, name))
+
+
+def test_only_cells_with_rays_take_memory_for_their_votes(monkeypatch):
+    """Two small things far apart, with nothing to look behind between them."""
+    small = {
+        "near": plain(-0.55, -0.5, 1.5, height=0.05),
+        "other": plain(0.5, 0.55, 1.5, height=0.6),
+    }
+    scene = shown(f_number=0.8, far=glowing(-9, 9, 4.0, height=20.0), **small)
+    sees, taken = peeling._sees, []
+
+    def seen(lens, target, cell, cells):
+        taken.append((cells, len(np.unique(np.array(cell) // STEPS))))
+        return sees(lens, target, cell, cells)
+
+    monkeypatch.setattr(peeling, "_sees", seen)
+    pm.render_samples(scene, sampling=NO_OVERSCAN)
+    ((cells, with_rays),) = taken
+    assert cells == with_rays * STEPS
 
 
 def test_one_layer_gives_no_hidden_samples():
