@@ -15,7 +15,7 @@ import numpy as np
 from .. import _backend as jit
 from ..samples.raster import Window
 from .convolve import ROWS
-from .film import FinePicture, interleaved, on_device, values_at
+from .film import FinePicture, interleaved, on_device, rows_and_columns, values_at
 from .fragments import SHARE
 from .kernels import SUBPIXEL_VARIANCE
 
@@ -219,8 +219,7 @@ class Compositor:
         if self.sharp is None or image is None:
             return [jit.Float(0)] * channels
         box = self.sharp.box
-        row = place // dr.opaque(jit.UInt32, self.crop.width)
-        column = place - row * dr.opaque(jit.UInt32, self.crop.width)
+        row, column = rows_and_columns(place, self.crop.width)
         x = jit.Int32(column) + dr.opaque(jit.Int32, self.crop.left - box.left)
         y = jit.Int32(row) + dr.opaque(jit.Int32, self.crop.top - box.top)
         width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
@@ -263,8 +262,7 @@ def _sharpened(
     far brighter what is dark stays nearly as it is. The last of the ``channels`` is the share of it
     in the subpixels: it stays as it is, and so does the picture where it is the smaller part.
     """
-    row = place // dr.opaque(jit.UInt32, raster.width)
-    column = place - row * dr.opaque(jit.UInt32, raster.width)
+    row, column = rows_and_columns(place, raster.width)
     *own, share = values_at(image, place, channels)
     result = list(own)
     for at, count, stride in ((row, raster.height, raster.width), (column, raster.width, 1)):

@@ -96,6 +96,13 @@ def on_device(image: Any) -> jit.Float:
     return image.array if dr.is_tensor_v(image) else jit.from_numpy(jit.Float, image.ravel())
 
 
+def rows_and_columns(place: jit.UInt32, width: int) -> tuple[jit.UInt32, jit.UInt32]:
+    """Row and column of each ``place`` in an image of that ``width``."""
+    columns = dr.opaque(jit.UInt32, width)
+    row = place // columns
+    return row, place - row * columns
+
+
 def values_at(image: jit.Float, place: jit.UInt32, channels: int) -> list[jit.Float]:
     """The values of an image of so many channels, which follow each other, at each ``place``."""
     if channels == 4:
@@ -142,9 +149,7 @@ def _filtered(
     height, width = shape
     columns = width // subpixels if axis == 1 else width
     rows = height // subpixels if axis == 0 else height
-    index = dr.arange(jit.UInt32, rows * columns)
-    row = index // dr.opaque(jit.UInt32, columns)
-    column = index - row * dr.opaque(jit.UInt32, columns)
+    row, column = rows_and_columns(dr.arange(jit.UInt32, rows * columns), columns)
     count = dr.opaque(jit.Int32, shape[axis])
     first = jit.Int32(column if axis == 1 else row) * subpixels
     total = [jit.Float(0)] * channels

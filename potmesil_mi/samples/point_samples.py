@@ -109,7 +109,7 @@ class PointSamples(Columns):
 
     @functools.cached_property
     def spp(self) -> int:
-        """Samples of what the pinhole sees in each pixel of the crop window, on the average."""
+        """Samples of what the pinhole sees in a pixel of the crop window: mean, rounded down."""
         own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
         return int(np.count_nonzero(own)) // self.crop_window.size
 
