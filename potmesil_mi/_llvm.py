@@ -103,6 +103,9 @@ def loaded_llvm() -> int:
     """Major version of the LLVM that Dr.Jit has loaded; -1 if it has none."""
     import drjit as dr
 
+    # Dr.Jit still loads its libraries in a thread of its own, which needs Python's lock to warn of
+    # one. Asking for the version waits for it and keeps that lock, for ever; this lets it go.
+    dr.sync_thread()
     return int(dr.detail.llvm_version()[0])
 
 
