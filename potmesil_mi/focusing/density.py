@@ -32,12 +32,14 @@ class Evened(NamedTuple):
     ``density``, float32 (height, width), is the share that each subpixel had of the samples of
     what the pinhole sees, 1 on the average; ``None`` where they are even. ``moments``, float32
     (height, width, K), tell where in the subpixel they were: the moments of the density, divided
-    by it; ``None`` where the fragments have none.
+    by it; ``None`` where the fragments have none. ``seen`` is that of
+    :class:`potmesil_mi.focusing.gathering.Gathered`.
     """
 
     fragments: Fragments
     density: np.ndarray | None
     moments: np.ndarray | None
+    seen: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:
@@ -53,7 +55,7 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     each stands for several subpixels; where there is none, density is 0.
     """
     height, width = fragments.height, fragments.width
-    subpixel, first = fragments.subpixel, fragments.gap_in_front == 0
+    subpixel, first = fragments.subpixel, fragments.first
     share = fragments.values[:, SHARE]
     total = np.bincount(subpixel[first], share[first], height * width)
     density = total.astype(np.float32).reshape(height, width)
@@ -76,7 +78,7 @@ def _moments(fragments: Fragments) -> np.ndarray | None:
     if fragments.moments is None:
         return None
     shape = fragments.height, fragments.width
-    first = fragments.gap_in_front == 0
+    first = fragments.first
     subpixel, size = fragments.subpixel[first], shape[0] * shape[1]
     moments = np.empty((size, fragments.moments.shape[1]), np.float32)
     for k, shares in enumerate(fragments.moments[..., SHARE].T):

@@ -23,6 +23,12 @@ BIN_RADIUS = 0.25
 MAX_BINS = 4095
 """Most bins of vergence between the nearest and the farthest sample, less one."""
 
+INFERRED = -1
+"""``Fragments.known`` where what lens points see is to be inferred from the other fragments."""
+
+COVERS = -2
+"""The same of a mirror or pane: it covers others, and its light is that of other fragments."""
+
 SHARE = 3
 """Column of ``Fragments.values`` with the share of the subpixel's area."""
 
@@ -50,6 +56,9 @@ class Fragments:
     ``moments``                   float32 (N, K, 4 or 5), the ``values`` times each of the K
                                   polynomials of :func:`potmesil_mi.focusing.moments.orders`;
                                   ``None`` unless they were asked for, and on coarser subpixels
+    ``known``                     int32 (N,), number of the fragment in a table of what lens
+                                  points see, where that is known; else ``INFERRED`` or
+                                  ``COVERS``. ``None`` where all is inferred
     ============================  ==========================================================
     """
 
@@ -65,6 +74,7 @@ class Fragments:
     bin_width: float
     offset: np.ndarray | None = None
     moments: np.ndarray | None = None
+    known: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -73,6 +83,12 @@ class Fragments:
     def subpixel(self) -> np.ndarray:
         """Index of each fragment's subpixel, row by row, int64 (N,)."""
         return self.y.astype(np.int64) * self.width + self.x
+
+    @property
+    def first(self) -> np.ndarray:
+        """The fragments, bool (N,), that fill the subpixels as the pinhole sees them."""
+        first = self.gap_in_front == 0
+        return first if self.known is None else first & (self.known < 0)
 
     @property
     def nbytes(self) -> int:
@@ -108,6 +124,7 @@ class Fragments:
             gap_in_front=self.gap_in_front[order].astype(np.float32),
             bin=self.bin[order].astype(np.int32),
             moments=None if self.moments is None else self.moments[order].astype(np.float32),
+            known=None if self.known is None else self.known[order],
         )
 
     def scaled(self, scale: np.ndarray) -> Fragments:

@@ -11,9 +11,18 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
-from .fragments import BIN_RADIUS, MAX_BINS, SHARE, Fragments, scatter_mode
+from .fragments import (
+    BIN_RADIUS,
+    COVERS,
+    INFERRED,
+    MAX_BINS,
+    SHARE,
+    Fragments,
+    scatter_mode,
+)
 from .moments import legendre, orders
 
 GATHERED_AT_ONCE = 1 << 22
@@ -26,15 +35,17 @@ def gather(
     radius_per_vergence: float,
     alpha: bool = False,
     degree: int = 0,
+    bins: Bins | None = None,
 ) -> Fragments:
     """Samples gathered on ``subpixels`` x ``subpixels`` subpixels of a pixel.
 
     ``radius_per_vergence`` is the circle's radius in subpixels per unit of vergence; with ``alpha``
-    the values have a fifth column. The fragments have moments up to a ``degree``.
+    the values have a fifth column. The fragments have moments up to a ``degree``. ``bins`` are
+    those of all depths of the samples, unless they are given.
     """
     samples = one_subpixel_each(samples, subpixels)
     raster = samples.window.subdivided(subpixels)
-    bins = _Bins.of(samples, radius_per_vergence)
+    bins = bins or Bins.of(samples.z, radius_per_vergence)
     parts = _parts(samples)
     located = functools.partial(_located, samples, subpixels, raster)
 
@@ -58,7 +69,7 @@ def gather(
         others.append(_index(~alone, part))
 
     index = np.concatenate(others)
-    other_place, other_layer, other_vergence, other_light = _sorted_sums(
+    other_place, other_layer, other_vergence, other_light, _ = _sorted_sums(
         samples, subpixels, alpha, degree, index, *_places(located, index, bins)
     )
     place, vergence, light = sums_alone.found(len(other_place))
@@ -69,20 +80,108 @@ def gather(
     gap = np.zeros(len(vergence))
     first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
     gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    found = Fragments(
+    found = _fragments(raster, bins, place, vergence, light, degree)
+    return dataclasses.replace(found, gap_in_front=gap).in_order()
+
+
+class Gathered(NamedTuple):
+    """Fragments, and what the lens sees of those of which it is known.
+
+    ``seen``, uint8 (n, 64), is what each of ``PointSamples.visibility_points`` sees of them, 0 for
+    nothing to 255 for all, a row for each number in ``fragments.known``; ``None`` where all is to
+    be inferred.
+    """
+
+    fragments: Fragments
+    seen: np.ndarray | None = None
+
+
+def gather_with_known(
+    samples: PointSamples,
+    subpixels: int,
+    radius_per_vergence: float,
+    alpha: bool = False,
+    degree: int = 0,
+) -> Gathered:
+    """Samples gathered as by :func:`gather`, those of known visibility apart from the others.
+
+    Those on rays of the pinhole cover what is behind them, or behind the mirror or pane that they
+    are seen through.
+    """
+    if samples.visibility is None or not samples.visibility.any():
+        return Gathered(gather(samples, subpixels, radius_per_vergence, alpha, degree))
+    samples = one_subpixel_each(samples, subpixels)
+    known, depth = np.asarray(samples.visibility) != 0, samples.z
+    if samples.through is not None:
+        depth = np.where(samples.through > 0, samples.through, depth)
+    bins = Bins.of(np.concatenate([samples.z, depth]), radius_per_vergence)
+    fragments, seen = _gathered_known(samples.chosen(known), subpixels, bins, alpha, degree)
+    parts = []
+    for which, kind in ((~known, INFERRED), (known & (samples.layer != ELSEWHERE), COVERS)):
+        if which.any():
+            some = samples.chosen(which).replace(z=depth[which])
+            found = gather(some, subpixels, radius_per_vergence, alpha, degree, bins)
+            parts.append(dataclasses.replace(found, known=np.full(len(found), kind, np.int32)))
+    return Gathered(_with_gaps(fragments.and_others(*parts).in_order()), seen)
+
+
+def _gathered_known(
+    samples: PointSamples, subpixels: int, bins: Bins, alpha: bool, degree: int
+) -> tuple[Fragments, np.ndarray]:
+    """The light of samples of known visibility, and what the lens sees of it: see ``Gathered``.
+
+    What all points of the lens see is apart from the rest.
+    """
+    assert samples.visibility is not None
+    raster = samples.window.subdivided(subpixels)
+    partly = samples.visibility != np.uint64(2**VISIBILITY_POINTS - 1)
+    some = samples.replace(layer=partly.astype(np.uint8))
+    located = functools.partial(_located, some, subpixels, raster)
+    index = np.arange(len(some))
+    places = _places(located, index, bins)
+    place, _, vergence, light, same = _sorted_sums(some, subpixels, alpha, degree, index, *places)
+    seen = np.empty((len(place), VISIBILITY_POINTS), np.uint8)
+    total = np.bincount(same, some.weight, len(place))
+    for point in range(VISIBILITY_POINTS):
+        bit = samples.visibility >> np.uint64(point) & np.uint64(1)
+        share = np.bincount(same, some.weight * bit, len(place)) / total
+        seen[:, point] = np.rint(255 * share)
+    fragments = _fragments(raster, bins, place, vergence, light, degree)
+    return dataclasses.replace(fragments, known=np.arange(len(place), dtype=np.int32)), seen
+
+
+def _fragments(
+    raster: Window,
+    bins: Bins,
+    place: np.ndarray,
+    vergence: np.ndarray,
+    light: np.ndarray,
+    degree: int,
+) -> Fragments:
+    """Fragments, not in order, of sums by subpixel and depth; nothing is known to be hidden."""
+    return Fragments(
         raster.width,
         raster.height,
         place % raster.width,
         place // raster.width,
         vergence,
         light[:, 0],
-        gap,
+        np.zeros(len(place)),
         np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
         bins.vergence_min,
         bins.width,
         moments=light[:, 1:] if degree > 0 else None,
     )
-    return found.in_order()
+
+
+def _with_gaps(fragments: Fragments) -> Fragments:
+    """Fragments of several, each gathered without the others, with their gaps in front of them."""
+    nearest = np.zeros(fragments.width * fragments.height, np.int32)
+    first = fragments.first
+    np.maximum.at(nearest, fragments.subpixel[first], fragments.bin[first])
+    before = fragments.vergence_min + (nearest[fragments.subpixel] + 0.5) * fragments.bin_width
+    gap = np.maximum(before - fragments.vergence, fragments.bin_width * 1e-3)
+    return dataclasses.replace(fragments, gap_in_front=np.where(first, 0, gap).astype(np.float32))
 
 
 def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
@@ -90,7 +189,7 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     samples = one_subpixel_each(samples, subpixels)
     raster = samples.window.subdivided(subpixels)
     located = functools.partial(_located, samples, subpixels, raster)
-    own, first = fragments.subpixel, fragments.gap_in_front == 0
+    own, first = fragments.subpixel, fragments.first
     asked = np.zeros(raster.size, dtype=np.uint8)
     asked[own[first]] = 1
     is_asked = jit.from_numpy(jit.UInt8, asked)
@@ -121,7 +220,7 @@ def _index(which: jit.Bool, part: slice) -> np.ndarray:
 
 
 def _places(
-    located: Callable[[np.ndarray], _Located], index: np.ndarray, bins: _Bins | None = None
+    located: Callable[[np.ndarray], _Located], index: np.ndarray, bins: Bins | None = None
 ) -> list[np.ndarray]:
     """Of the samples ``index`` the subpixel, where in it they are across and down, and the bin.
 
@@ -151,23 +250,21 @@ def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:
         for dx in (-nudge, nudge)
         for dy in (-nudge, nudge)
     ]
-    names = ("x", "y", "rgb", "alpha", "z", "surface", "weight", "layer")
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(q, name) for q in quarters]) for name in names
-    }
-    inside = samples.window.contains(columns["x"], columns["y"])
-    return samples.replace(**{name: column[inside] for name, column in columns.items()})
+    columns = Columns.joined(quarters)
+    inside = samples.window.contains(columns.x, columns.y)
+    return samples.replace(**vars(columns.chosen(inside)), lattice=0)
 
 
-class _Bins(NamedTuple):
+class Bins(NamedTuple):
     """Where the bins of vergence begin, and how wide they are."""
 
     vergence_min: float
     width: float
 
     @classmethod
-    def of(cls, samples: PointSamples, radius_per_vergence: float) -> _Bins:
-        ends = 1 / samples.z.max(), 1 / samples.z.min()
+    def of(cls, depths: np.ndarray, radius_per_vergence: float) -> Bins:
+        """Those of ``depths``, with circles of that radius in subpixels per unit of vergence."""
+        ends = 1 / depths.max(), 1 / depths.min()
         # Where depths are many circles apart, the bins are wider.
         width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
         return cls(float(ends[0]), width)
@@ -266,11 +363,11 @@ def _sorted_sums(
     across: np.ndarray,
     down: np.ndarray,
     bins: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples ``index`` summed by subpixel, depth layer and bin, by sorting.
 
-    Returns subpixel, layer and mean vergence of each sum, and the sums as :class:`_SumsAlone` has
-    them, float64.
+    Returns subpixel, layer and mean vergence of each sum, the sums as :class:`_SumsAlone` has
+    them, float64, and which sum each sample is in.
     """
     key = places.astype(np.int64) * 256 + samples.layer[index]
     keys, same = np.unique(key * (MAX_BINS + 1) + bins, return_inverse=True)
@@ -284,4 +381,4 @@ def _sorted_sums(
             light[:, k, channel] = np.bincount(same, weight * column, len(keys))
     vergence = np.bincount(same, all_weight / samples.z[index], len(keys)) / light[:, 0, SHARE]
     place_and_layer = keys // (MAX_BINS + 1)
-    return place_and_layer // 256, place_and_layer % 256, vergence, light
+    return place_and_layer // 256, place_and_layer % 256, vergence, light, same

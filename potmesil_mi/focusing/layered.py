@@ -22,7 +22,7 @@ from .density import Evened, evened
 from .exposure import Exposure
 from .film import FinePicture
 from .fragments import Fragments
-from .gathering import gather, with_offsets
+from .gathering import gather_with_known, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
 from .memo import Memo
 from .slices import DepthSlice, Fineness, plan
@@ -108,14 +108,18 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         return with_offsets(fragments, samples, subpixels)
 
     def fragments() -> Evened:
-        found = evened(gather(samples, subpixels, radius, alpha, degree), subpixels)
+        gathered = gather_with_known(samples, subpixels, radius, alpha, degree)
+        found = evened(gathered.fragments, subpixels)._replace(seen=gathered.seen)
         return found._replace(fragments=located(found.fragments)) if diffracts else found
 
     def views() -> ViewPyramid:
-        known, density, moments = memo.get(("fragments", about), fragments)
-        single_points = not diffracts
-        view = LensView.of(known, radius, lens_points, single_points, located)
-        return ViewPyramid(view, density, moments)
+        found = memo.get(("fragments", about), fragments)
+        seen = found.seen
+        if seen is not None:
+            pixels = samples.camera.focal_length_pixels * subpixels
+            seen = lens_points.nearest(seen, samples.visibility_points, radius / pixels)
+        view = LensView.of(found.fragments, radius, lens_points, not diffracts, located, seen)
+        return ViewPyramid(view, found.density, found.moments)
 
     return memo.get(("view", about, lens_points), views)
 

@@ -17,7 +17,7 @@ from .. import _backend as jit
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
 from ..samples.point_samples import PointSamples
-from .fragments import SHARE, FragmentColumns, Fragments
+from .fragments import COVERS, SHARE, FragmentColumns, Fragments
 from .visibility import Jitter, visibility, visibility_of_highlights
 
 HIGHLIGHT_TO_MEDIAN = 8
@@ -89,6 +89,15 @@ class LensPoints:
             middle,
             corner / (2 * lens.vignetting) if lens.vignetting > 0 else math.inf,
         )
+
+    def nearest(self, seen: np.ndarray, known: np.ndarray, radius: float) -> np.ndarray:
+        """What the points see, uint8 (n, M), where it is known for others: that of the nearest.
+
+        ``seen``, (n, K), is for the points ``known``, (K, 2), in scene units, and ``radius`` that
+        of the aperture.
+        """
+        apart = self.points[:, None] * radius - known
+        return np.ascontiguousarray(seen[:, np.argmin((apart**2).sum(axis=-1), axis=1)])
 
     @property
     def has_rim(self) -> bool:
@@ -210,26 +219,35 @@ class LensView:
         lens_points: LensPoints,
         single_points: bool = True,
         located: Callable[[Fragments], Fragments] = lambda highlights: highlights,
+        seen_of_known: np.ndarray | None = None,
     ) -> LensView:
         """The view of ``fragments`` from the ``lens_points``.
 
         ``radius_per_vergence`` is the radius of the circle in subpixels per unit of vergence.
         Without ``single_points`` only fragments that are seen in part can be highlights.
-        ``located`` gives highlights their offsets.
+        ``located`` gives highlights their offsets. ``seen_of_known``, uint8 (n, M), is what the
+        points see of fragments of which that is known: a row for each number in their ``known``.
         """
-        coverable, seen = visibility(fragments, radius_per_vergence, lens_points.points)
+        covers = fragments
+        if fragments.known is not None:
+            covers = fragments.chosen(fragments.known < 0)
+        coverable, seen = visibility(covers, radius_per_vergence, lens_points.points)
         # The pinhole does see its samples: without a trace of them there might be black holes.
-        first = fragments.gap_in_front[coverable] == 0
+        first = covers.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
+        if seen_of_known is not None:
+            fragments, coverable, seen = _with_known(fragments, coverable, seen, seen_of_known)
         if lens_points.has_rim:
             coverable, seen, fragments = _within_rim(fragments, coverable, seen, lens_points)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
         bright = _is_highlight(fragments) & ((unoccluded & single_points) | occluded)
+        if fragments.known is not None:
+            bright &= fragments.known < 0
         chosen, more = located(fragments.chosen(bright)), lens_points.highlight_points
         seen_of_chosen = visibility_of_highlights(
-            fragments, chosen, radius_per_vergence, more, lens_points.cell
+            covers, chosen, radius_per_vergence, more, lens_points.cell
         )
         if lens_points.has_rim:
             seen_of_chosen *= lens_points.inside_rim(chosen, more)
@@ -305,6 +323,27 @@ class ViewPyramid:
         return 2 * (finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
 
 
+def _with_known(
+    fragments: Fragments, coverable: np.ndarray, seen: np.ndarray, seen_of_known: np.ndarray
+) -> tuple[Fragments, np.ndarray, np.ndarray]:
+    """What lens points see of all fragments, by inference or because it is known.
+
+    ``coverable`` and ``seen`` are those of the fragments that are not known. Returns the fragments
+    without those that only cover others, and the same of these.
+    """
+    assert fragments.known is not None
+    is_known = fragments.known >= 0
+    rows = seen_of_known[fragments.known[is_known]]
+    partly = rows.min(axis=1) < 255
+    of_all = np.zeros(len(fragments), dtype=bool)
+    of_all[~is_known], of_all[is_known] = coverable, partly
+    seen_of_all = np.empty((np.count_nonzero(of_all), rows.shape[1]), np.uint8)
+    there = is_known[of_all]
+    seen_of_all[~there], seen_of_all[there] = seen, rows[partly]
+    lit = fragments.known != COVERS
+    return fragments.chosen(lit), of_all[lit], seen_of_all[lit[of_all]]
+
+
 def _within_rim(
     fragments: Fragments, coverable: np.ndarray, seen: np.ndarray, lens_points: LensPoints
 ) -> tuple[np.ndarray, np.ndarray, Fragments]:
@@ -318,7 +357,7 @@ def _within_rim(
     seen_of_all = np.full((len(fragments), count), 255, dtype=np.uint8)
     seen_of_all[coverable] = seen
     seen_of_all *= inside
-    unseen = ~seen_of_all.any(axis=1) & (fragments.gap_in_front == 0)
+    unseen = ~seen_of_all.any(axis=1) & fragments.first
     seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
     every_one = np.ones(len(fragments), dtype=bool)
     return every_one, seen_of_all, fragments.scaled(count / inside.sum(axis=1))
@@ -333,7 +372,7 @@ def _is_highlight(fragments: Fragments) -> np.ndarray:
     # Samples of what is hidden may be more than fill a subpixel.
     filled = np.maximum(fragments.values[:, SHARE], 1)
     peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
-    subpixel, first = fragments.subpixel, fragments.gap_in_front == 0
+    subpixel, first = fragments.subpixel, fragments.first
     shape = fragments.height, fragments.width
     picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
     around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)

@@ -32,10 +32,6 @@ PAPERS_TABLES = 73
 VIGNETTING_LENS_POINTS = 128
 """Lens points, at least, with vignetting: what the rim of the lens cuts is all formed by points."""
 
-CROWDED = 0.25
-"""Hidden samples for each visible one from which on a scene is crowded with things that the lens
-sees past, such as hair or twigs."""
-
 MANY_SAMPLES = 64
 """Samples a pixel from which on their noise is less than what whole pixels leave out."""
 
@@ -139,17 +135,12 @@ class Layered(_Visible):
 
     def points_for(self, samples: PointSamples) -> int:
         """Lens points for ``samples``, unless ``lens_points`` says it."""
-        return CROWDED_LENS_POINTS if _is_crowded(samples) else self.usual_lens_points
+        return CROWDED_LENS_POINTS if samples.is_crowded else self.usual_lens_points
 
     def squares_for(self, samples: PointSamples) -> int:
         """Subpixels on a side of a pixel for ``samples``, if they are enough."""
-        closely = samples.spp >= MANY_SAMPLES or _is_crowded(samples)
+        closely = samples.spp >= MANY_SAMPLES or samples.is_crowded
         return CLOSE_SQUARES if closely else self.usual_squares
-
-
-def _is_crowded(samples: PointSamples) -> bool:
-    """Whether so much is hidden that thin things cover each other in most pixels."""
-    return samples.hidden_to_visible >= CROWDED
 
 
 @dataclasses.dataclass(frozen=True)

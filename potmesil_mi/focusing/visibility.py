@@ -174,7 +174,7 @@ def _coverage(fragments: Fragments) -> np.ndarray:
     samples there is no hole.
     """
     subpixel = fragments.subpixel
-    share, first = fragments.values[:, SHARE], fragments.gap_in_front == 0
+    share, first = fragments.values[:, SHARE], fragments.first
     total = np.bincount(subpixel[first], share[first], fragments.width * fragments.height)
     total = total[subpixel]
     return (share / np.where(total > 0, total, 1)).astype(np.float32)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
+from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
 
 OF_DEFAULT: Any = None
 """What stands in a field that was not given, until ``__post_init__`` puts its default there."""
+
+CROWDED = 0.25
+"""Hidden samples for each visible one from which on a scene is crowded with things that the lens
+sees past, such as hair or twigs."""
 
 C = TypeVar("C", bound="Columns")
 
@@ -18,6 +24,14 @@ _FLOAT: dict[str, Any] = {"dtype": np.float32, "channels": 0}
 _RGB: dict[str, Any] = {"dtype": np.float32, "channels": 3}
 _ID: dict[str, Any] = {"dtype": np.uint32, "channels": 0}
 _LAYER: dict[str, Any] = {"dtype": np.uint8, "channels": 0}
+_THROUGH: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
+_VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": True}
+
+ELSEWHERE = 255
+"""``layer`` of what is on none of the rays of the pinhole."""
+
+VISIBILITY_POINTS = 64
+"""Points of the lens, one for each bit of ``visibility``."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +50,15 @@ class Columns:
     ``surface``                   uint32 (N,), id of the visible surface; 0 for none
     ``weight``                    float32 (N,), share of a pixel's area the sample stands for
     ``layer``                     uint8 (N,), how many surfaces the pinhole sees in front of it:
-                                  0 for what it sees (default), 1 and more for what is hidden
+                                  0 for what it sees (default), 1 and more for what is hidden;
+                                  255 for what is on none of its rays: its place is that where
+                                  it would be seen
+    ``through``                   float32 (N,), depth of the mirror or pane that it is seen
+                                  through, its ``z`` being that of the image; 0 for what is seen
+                                  directly; ``None`` where nothing is seen through anything
+    ``visibility``                uint64 (N,), which of 64 points of the lens see it: bit i is
+                                  set for point i; 0 where that is to be found out from the
+                                  other samples; ``None`` for all of these
     ============================  ==========================================================
 
     What is given becomes arrays of these types, without a copy where it is one. Raises
@@ -51,12 +73,14 @@ class Columns:
     surface: np.ndarray = dataclasses.field(metadata=_ID)
     weight: np.ndarray = dataclasses.field(metadata=_FLOAT)
     layer: np.ndarray = dataclasses.field(default=OF_DEFAULT, metadata=_LAYER)
+    through: np.ndarray | None = dataclasses.field(default=None, metadata=_THROUGH)
+    visibility: np.ndarray | None = dataclasses.field(default=None, metadata=_VISIBILITY)
 
     def __post_init__(self) -> None:
         count = len(self.x)
         if self.layer is OF_DEFAULT:
             object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
-        for field in COLUMNS:
+        for field in self.present():
             column = np.ascontiguousarray(getattr(self, field.name), field.metadata["dtype"])
             channels = field.metadata["channels"]
             expected = (count, channels) if channels else (count,)
@@ -70,11 +94,26 @@ class Columns:
     @property
     def nbytes(self) -> int:
         """Bytes that the columns take in memory."""
-        return sum(getattr(self, field.name).nbytes for field in COLUMNS)
+        return sum(getattr(self, field.name).nbytes for field in self.present())
+
+    def present(self) -> list[dataclasses.Field[Any]]:
+        """The schema of the columns that there are: see :data:`COLUMNS`."""
+        return [f for f in COLUMNS if not is_optional(f) or getattr(self, f.name) is not None]
+
+    @functools.cached_property
+    def hidden_to_visible(self) -> float:
+        """Samples of what is hidden from the pinhole, for each of what it sees."""
+        hidden = int(np.count_nonzero(self.layer))
+        return hidden / max(len(self) - hidden, 1)
+
+    @property
+    def is_crowded(self) -> bool:
+        """Whether so much is hidden that thin things cover each other in most pixels."""
+        return self.hidden_to_visible >= CROWDED
 
     def chosen(self: C, which: np.ndarray) -> C:
         """The samples that ``which`` has, bool (N,) or indices in their order."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name)[which] for f in COLUMNS}
+        columns: dict[str, Any] = {f.name: getattr(self, f.name)[which] for f in self.present()}
         return dataclasses.replace(self, **columns)
 
     def _conditions(self) -> Iterator[np.ndarray]:
@@ -83,6 +122,8 @@ class Columns:
             yield np.isfinite(values)
         for values in (self.z, self.weight):
             yield values > 0
+        if self.through is not None:
+            yield np.isfinite(self.through) & (self.through >= 0)
 
     @property
     def all_valid(self) -> bool:
@@ -92,7 +133,8 @@ class Columns:
     def is_valid(self) -> np.ndarray:
         """Of which samples a picture can be formed, bool (N,).
 
-        Radiance, alpha, position and weight must be finite, depth and weight > 0.
+        Radiance, alpha, position and weight must be finite, depth and weight > 0, and what it is
+        seen through must be at a finite depth >= 0.
         """
         return np.logical_and.reduce(
             [condition.reshape(len(self), -1).all(axis=1) for condition in self._conditions()]
@@ -101,11 +143,39 @@ class Columns:
     @staticmethod
     def joined(parts: Sequence[Columns]) -> Columns:
         """The samples of all ``parts``, one part after the other."""
-        columns: dict[str, Any] = {
-            f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in COLUMNS
-        }
+        names = [{f.name for f in part.present()} for part in parts]
+        columns: dict[str, Any] = {}
+        for field in COLUMNS:
+            if any(field.name in own for own in names):
+                columns[field.name] = np.concatenate([_column(part, field) for part in parts])
         return Columns(**columns)
 
 
+def require_visibility_radius(radius: Any, known: bool) -> None:
+    """Raise unless ``radius`` are two half-widths > 0, or ``None`` where no visibility is known."""
+    if (radius is None) == known:
+        raise ValueError(
+            f"visibility_radius={radius}: must be the half-widths of the lens (across, down) where "
+            "samples have visibility, and None where not"
+        )
+    if radius is None:
+        return
+    values = tuple(radius)
+    if len(values) != 2 or not all(isinstance(v, Real) and 0 < float(v) < np.inf for v in values):
+        raise ValueError(f"visibility_radius={radius}: must be two numbers > 0, in scene units")
+
+
+def is_optional(field: dataclasses.Field[Any]) -> bool:
+    """Whether samples may do without the column; then it is ``None`` and stands for zeros."""
+    return bool(field.metadata.get("optional", False))
+
+
+def _column(columns: Columns, field: dataclasses.Field[Any]) -> np.ndarray:
+    """A column, of zeros where it is not there."""
+    values: np.ndarray | None = getattr(columns, field.name)
+    return np.zeros(len(columns), field.metadata["dtype"]) if values is None else values
+
+
 COLUMNS: tuple[dataclasses.Field[Any], ...] = dataclasses.fields(Columns)
-"""The schema: name of each column, and in its ``metadata`` the ``dtype`` and ``channels``."""
+"""The schema: name of each column, and in its ``metadata`` the ``dtype`` and ``channels``, and
+whether it is ``optional``."""

@@ -13,6 +13,14 @@ What is hidden from the pinhole would spoil the flattened picture. It is in a se
 file, named ``hidden``, which is there only if there are such samples; readers that know one part
 take the first, ``visible``. Its channels are the same and ``potmesil.layer``.
 
+Where things are seen through mirrors and panes there are ``potmesil.through``, the depth of the
+mirror or pane, ``Z`` being that of the image; and ``potmesil.visibility0`` and
+``potmesil.visibility1``, whole numbers of 32 bits, of which bit i of the first is set where point i
+of the lens sees the sample, and bit i of the second for point 32 + i. The points are those of H.
+Vogel's sunflower: in units of the half-widths ``visibility_radius`` of ``potmesil:samples`` point i
+is sqrt((i + 1/2)/64) from the middle, i (3 - sqrt(5)) pi radians from the right, as the camera
+looks, on downwards.
+
 Version 1 had neither hidden samples nor overscan, and positions relative to the pixel. Versions
 1 and 2 call the lens's ``film`` ``image_distance``.
 
@@ -39,7 +47,7 @@ from ..optics.aperture import Aperture
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TYPE, TelecentricLens, require_fitting
-from .columns import Columns
+from .columns import Columns, require_visibility_radius
 from .exr_layout import require_bounded
 from .raster import Window
 
@@ -60,6 +68,8 @@ LONGEST_JSON = 1 << 26
 
 _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
 _LAYER = "potmesil.layer"
+_THROUGH = "potmesil.through"
+_VISIBILITY = ("potmesil.visibility0", "potmesil.visibility1")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +83,8 @@ class Header:
     ``window``                    pixels of the film that were sampled
     ``surfaces``                  name of every surface id
     ``lattice``                   positions are multiples of 1/lattice pixels; 0 for any
+    ``visibility_radius``         half-widths of the lens of which samples have visibility, or
+                                  ``None``
     ============================  ==========================================================
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
@@ -86,9 +98,12 @@ class Header:
     window: Window
     surfaces: Mapping[int, str]
     lattice: int
+    visibility_radius: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
+        for half_width in self.visibility_radius or ():
+            _require_magnitude("visibility_radius", half_width, MAGNITUDES[0])
         crop = Window(*self.camera.crop_offset, *self.camera.crop_size)
         if not self.window.covers(crop):
             raise ValueError(
@@ -172,6 +187,7 @@ def _read(path: Path) -> tuple[Header, Columns]:
     if not columns:
         raise ValueError("there are no samples in it")
     samples = Columns.joined(columns)
+    require_visibility_radius(header.visibility_radius, samples.visibility is not None)
     if not samples.all_valid:
         raise ValueError(
             f"is damaged: {np.count_nonzero(~samples.is_valid())} of {len(samples)} samples have "
@@ -209,8 +225,16 @@ def _attributes(header: Header) -> dict[str, Any]:
         **standard,
         "potmesil:camera": json.dumps(header.camera.to_dict()),
         "potmesil:lens": json.dumps(header.lens.to_dict()),
-        "potmesil:samples": json.dumps({"version": VERSION, "lattice": header.lattice}),
+        "potmesil:samples": json.dumps(_about(header)),
     }
+
+
+def _about(header: Header) -> dict[str, Any]:
+    """What a file says of its samples beside camera and lens."""
+    about: dict[str, Any] = {"version": VERSION, "lattice": header.lattice}
+    if header.visibility_radius is not None:
+        about["visibility_radius"] = list(header.visibility_radius)
+    return about
 
 
 def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
@@ -223,7 +247,12 @@ def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
 
 def _parsed(attributes: dict[str, Any]) -> tuple[Header, int]:
     """The header that attributes stand for, and the version of the file."""
-    about = _json_object(attributes, "potmesil:samples", {"version", "lattice"})
+    about = _json_object(attributes, "potmesil:samples")
+    radius = about.pop("visibility_radius", None)
+    if about.keys() != {"version", "lattice"}:
+        raise ValueError("potmesil:samples: must be a JSON object with lattice, version")
+    if radius is not None:
+        require_visibility_radius(radius, True)
     version = about["version"]
     if isinstance(version, bool) or version not in range(1, VERSION + 1):
         known = ", ".join(map(str, range(1, VERSION)))
@@ -238,6 +267,7 @@ def _parsed(attributes: dict[str, Any]) -> tuple[Header, int]:
         window,
         {entry.id(): entry.text()[0] for entry in attributes["idManifest"][0]},
         about["lattice"],
+        None if radius is None else (float(radius[0]), float(radius[1])),
     )
     return header, version
 
@@ -316,6 +346,11 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
     layer = columns.layer[order].astype(np.uint32)
     if layer.any():
         channels[_LAYER] = layer
+    if columns.through is not None:
+        channels[_THROUGH] = columns.through[order]
+    if columns.visibility is not None:
+        halves = columns.visibility[order].astype("<u8").view("<u4").reshape(-1, 2)
+        channels |= dict(zip(_VISIBILITY, np.ascontiguousarray(halves.T), strict=True))
     return {
         name: _per_pixel(values, counts).reshape(window.shape) for name, values in channels.items()
     }
@@ -324,7 +359,7 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
 def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
     """The samples of one part of a file; none where it has no samples."""
     names = ["R", "G", "B", "Z", "id", *_OWN]
-    names += [_LAYER] if _LAYER in channels else []
+    names += [name for name in (_LAYER, _THROUGH, *_VISIBILITY) if name in channels]
     absent = [name for name in names if name not in channels]
     if absent:
         raise ValueError(f"is damaged or not of this version: it has no channel {absent[0]}")
@@ -343,6 +378,10 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         x = x + (pixel % window.width + window.left).astype(np.float32)
         y = y + (pixel // window.width + window.top).astype(np.float32)
     rgb = np.stack([flat[name] for name in "RGB"], axis=1)
+    visibility = None
+    if all(name in flat for name in _VISIBILITY):
+        halves = np.stack([flat[name].astype("<u4") for name in _VISIBILITY], axis=1)
+        visibility = halves.view("<u8").ravel()
     return Columns(
         x=x,
         y=y,
@@ -352,6 +391,8 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         surface=flat["id"],
         weight=weight,
         layer=flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
+        through=flat.get(_THROUGH),
+        visibility=visibility,
     )
 
 

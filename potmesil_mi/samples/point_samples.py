@@ -17,10 +17,11 @@ import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
+from ..optics.disc import lens_points
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import deep_exr
-from .columns import OF_DEFAULT, Columns
+from .columns import OF_DEFAULT, VISIBILITY_POINTS, Columns, require_visibility_radius
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ class Changes(TypedDict, total=False):
     surface: np.ndarray
     weight: np.ndarray
     layer: np.ndarray | None
+    through: np.ndarray | None
+    visibility: np.ndarray | None
+    visibility_radius: tuple[float, float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
     surfaces: Mapping[int, str]
@@ -61,7 +65,18 @@ class PointSamples(Columns):
     ``surface``                   uint32 (N,), id of the visible surface; 0 for none
     ``weight``                    float32 (N,), share of a pixel's area the sample stands for
     ``layer``                     uint8 (N,), how many surfaces the pinhole sees in front of it:
-                                  0 for what it sees (default), 1 and more for what is hidden
+                                  0 for what it sees (default), 1 and more for what is hidden;
+                                  255 for what is on none of its rays: its place is that where
+                                  it would be seen
+    ``through``                   float32 (N,), depth of the mirror or pane that it is seen
+                                  through, ``z`` being that of the image; 0 for what is seen
+                                  directly; ``None`` (default) where that is all
+    ``visibility``                uint64 (N,), which points of a lens see it: bit i is set for
+                                  point i of ``visibility_points``; 0 where a focus is to find
+                                  it out from the other samples; ``None`` (default) where that
+                                  is all
+    ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
+                                  ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
                                   orthographic camera a :class:`potmesil_mi.TelecentricLens`
     ``surfaces``                  name of every surface id
@@ -74,7 +89,8 @@ class PointSamples(Columns):
     Samples with radiance, alpha or position that is not finite, or with depth or weight that is
     NaN or not positive are dropped, with a ``RuntimeWarning`` that counts them. Raises
     ``ValueError`` for columns of unequal length or wrong shape, for a window of less than one
-    pixel, and where no sample is left, ``TypeError`` for a window of other than whole numbers.
+    pixel, for ``visibility`` without the lens's half-widths or these without it, and where no
+    sample is left, ``TypeError`` for a window of other than whole numbers.
     """
 
     camera: Camera
@@ -82,16 +98,18 @@ class PointSamples(Columns):
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
     window: Window = OF_DEFAULT
+    visibility_radius: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
+        require_visibility_radius(self.visibility_radius, self.visibility is not None)
         require_fitting(self.camera, self.lens)
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
-            for field in dataclasses.fields(Columns):
+            for field in self.present():
                 object.__setattr__(self, field.name, getattr(self, field.name)[valid])
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
@@ -113,11 +131,17 @@ class PointSamples(Columns):
         own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
         return int(np.count_nonzero(own)) // self.crop_window.size
 
-    @functools.cached_property
-    def hidden_to_visible(self) -> float:
-        """Samples of what is hidden from the pinhole, for each of what it sees."""
-        hidden = int(np.count_nonzero(self.layer))
-        return hidden / max(len(self) - hidden, 1)
+    @property
+    def visibility_points(self) -> np.ndarray:
+        """The points of the lens for the bits of ``visibility``, (64, 2), in scene units.
+
+        They go to the left and upwards from the middle, as the camera looks: they are those of a
+        round aperture, which is described from behind. Raises ``ValueError`` for samples without
+        visibility.
+        """
+        if self.visibility_radius is None:
+            raise ValueError("visibility: None, the samples have no visibility")
+        return -lens_points(VISIBILITY_POINTS) * self.visibility_radius
 
     def __repr__(self) -> str:
         width, height = self.camera.crop_size
@@ -184,12 +208,12 @@ class PointSamples(Columns):
         """Fewer samples that ``lens`` (default: their own) can hardly tell from these.
 
         The rule: samples of one quarter of a pixel (its 2x2 squares), of the same layer, surface
-        and alpha, whose signed circles of confusion round to the same multiple of ``tolerance``
-        pixels, become one. It has the sum of their weights and, weighted by these, the mean of
-        their positions, colours and 1/z (of an orthographic camera z), so that the light of a
-        pixel is unchanged. Where there were 64 a pixel, ``layered`` no longer forms the picture on
-        subpixels by itself, but with ``squares=2``. Samples on a lattice belong to several pixels
-        and stay as they are.
+        and alpha, seen by the same points of the lens and through nothing or one thing, whose
+        signed circles of confusion round to the same multiple of ``tolerance`` pixels, become one.
+        It has the sum of their weights and, weighted by these, the mean of their positions,
+        colours and 1/z (of an orthographic camera z), so that the light of a pixel is unchanged.
+        Where there were 64 a pixel, ``layered`` no longer forms the picture on subpixels by itself,
+        but with ``squares=2``. Samples on a lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not 0 < tolerance < np.inf:
@@ -207,6 +231,10 @@ class PointSamples(Columns):
         step = np.rint(circle * pixels_per_unit / tolerance)
         quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
         keys = np.stack([self.pixel(), quarter, self.layer, self.surface, self.alpha, step])
+        if self.visibility is not None:
+            keys = np.vstack([keys, np.unique(self.visibility, return_inverse=True)[1]])
+        if self.through is not None:
+            keys = np.vstack([keys, self.through > 0])
         order = np.lexsort(keys[::-1])
         ordered = keys[:, order]
         first = np.flatnonzero(
@@ -231,6 +259,8 @@ class PointSamples(Columns):
             z=z,
             surface=self.surface[order][first],
             layer=self.layer[order][first],
+            through=None if self.through is None else mean(self.through),
+            visibility=None if self.visibility is None else self.visibility[order][first],
             weight=total,
         )
 
@@ -241,7 +271,12 @@ class PointSamples(Columns):
         would not take; ``OSError`` where the file cannot be written. Then nothing is left behind.
         """
         header = deep_exr.Header(
-            self.camera, self.lens, self.window, dict(self.surfaces), self.lattice
+            self.camera,
+            self.lens,
+            self.window,
+            dict(self.surfaces),
+            self.lattice,
+            self.visibility_radius,
         )
         deep_exr.write(path, header, self)
 
@@ -262,4 +297,5 @@ class PointSamples(Columns):
             surfaces=header.surfaces,
             lattice=header.lattice,
             window=header.window,
+            visibility_radius=header.visibility_radius,
         )

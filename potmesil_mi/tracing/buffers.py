@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import COLUMNS, Columns
+from ..samples.columns import Columns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +148,7 @@ class SampleBuffer:
 
     def _arrays(self) -> list[tuple[str, np.ndarray]]:
         """The memory of each column, by its name."""
-        return [(column.name, getattr(self._memory, column.name)) for column in COLUMNS]
+        return [(f.name, getattr(self._memory, f.name)) for f in self._memory.present()]
 
     def _grow(self, capacity: int) -> None:
         """Move the samples to memory for ``capacity`` of them."""

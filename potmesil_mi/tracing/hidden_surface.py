@@ -11,12 +11,13 @@ from typing import Protocol, runtime_checkable
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
-from ..samples.columns import COLUMNS
+from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .lens_rays import LensRays
@@ -114,8 +115,9 @@ def _sampled(
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     visible = sample_visible(rays, window, sampling)
+    start, lens_rays = np.empty(0, np.float32), None
     if sampling.layers > 1:
-        _add_hidden(rays, visible, window, widest, sampling.layers)
+        lens_rays, start = _add_hidden(rays, visible, window, widest, sampling.layers)
     columns = visible.buffer.columns()
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
@@ -133,18 +135,23 @@ def _add_hidden(
     window: Window,
     widest: ThinLens | TelecentricLens,
     layers: int,
-) -> None:
-    """Add what the widest lens sees behind ``visible``."""
+) -> tuple[LensRays | None, np.ndarray]:
+    """Add what the widest lens sees behind ``visible``.
+
+    Returns the rays of the lens, ``None`` where nothing can be hidden, and where on its primary ray
+    each hidden sample's own begins, float32 (N,).
+    """
     first, camera, lens = visible.buffer.columns(), rays.sensor.camera(), widest
     if isinstance(lens, TelecentricLens):
         picture = as_thin_lens(first.z, lens, camera)
         first = dataclasses.replace(first, z=picture.depth(first.z))
         lens, camera = picture.lens, picture.camera
     chosen = may_hide(first, window, lens, camera)
-    if len(chosen) > 0:
-        paths = 1 if visible.lattice == 0 else rays.passes.spp
-        lens_rays = LensRays.of(rays, widest, float(visible.buffer.columns().z.min()))
-        add_hidden(visible.buffer, chosen, rays, lens_rays, layers, paths)
+    if len(chosen) == 0:
+        return None, np.empty(0, np.float32)
+    paths = 1 if visible.lattice == 0 else rays.passes.spp
+    lens_rays = LensRays.of(rays, widest, float(visible.buffer.columns().z.min()))
+    return lens_rays, add_hidden(visible.buffer, chosen, rays, lens_rays, layers, paths)
 
 
 def _crop_window(film: mi.Film) -> Window:

@@ -90,11 +90,12 @@ def add_hidden(
     lens: LensRays,
     layers: int,
     paths: int,
-) -> None:
+) -> np.ndarray:
     """Add what lies behind the samples that there are, up to ``layers`` surfaces in all on a ray.
 
     ``chosen``, int (n,), are the numbers of those behind which the ``lens`` may see something.
-    What is found is shaded by ``paths`` paths each.
+    What is found is shaded by ``paths`` paths each. Returns where on its primary ray each added
+    sample's own begins, float32 (N,): see ``start`` of :class:`Hidden`.
     """
     first = buffer.columns()
     cells = _cells(first.x[chosen], first.y[chosen])
@@ -106,6 +107,7 @@ def add_hidden(
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
+    return hidden.start
 
 
 def peeled(
@@ -201,11 +203,11 @@ def _follow(
     ray_index = dr.arange(mi.UInt32, dr.width(number))
 
     def step(active: mi.Bool, start: mi.Float, met: mi.UInt32) -> tuple[Any, Any, Any]:
-        ray = _primary(position, start, rays)
+        ray = primary(position, start, rays)
         visible = rays.visible(ray)
         goes_on, passed = _passed(ray, start, visible)
         place = dr.scatter_inc(count, mi.UInt32(0), active)
-        surface, target = rays.surface_of(visible.hit), _target(ray, visible, number)
+        surface, target = rays.surface_of(visible.hit), target_of(ray, visible, number)
         found = _Met(ray_index, met, start, visible.depth, surface, target)
         dr.scatter(room, found, place, active & (place < capacity))
         return active & goes_on & (met + 1 < steps), passed, met + 1
@@ -215,7 +217,7 @@ def _follow(
     dr.while_loop(state, lambda active, *_: active, step, mode="symbolic")
 
 
-def _primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -> mi.Ray3f:
+def primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -> mi.Ray3f:
     """The rest of primary rays, from ``start`` on."""
     ray = mi.Ray3f(rays.through(position, mi.Float(0.5), rays.sensor.shutter_open())[0])
     ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
@@ -224,7 +226,7 @@ def _primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -
 
 def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple[mi.Bool, mi.Float]:
     """Which rays go on behind what they show first, at the depths ``z``, and from where on."""
-    ray = _primary(position, 0.0, rays)
+    ray = primary(position, 0.0, rays)
     if rays.follows_mirrors:  # The depth may be that of an image.
         return _passed(ray, mi.Float(0), rays.visible(ray))
     distance = rays.distance(ray, z)
@@ -238,7 +240,7 @@ def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, 
     return goes_on, passed + clearance(visible.hit.p, passed)
 
 
-def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
+def target_of(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
     """What is to be seen of what a primary ray meets: of an image, the mirror that shows it."""
     mirrored, hit, first = visible.mirrored, visible.hit, visible.first
     met = mirrored | hit.is_valid()

@@ -63,7 +63,7 @@ def test_even_samples_stay_as_they_are():
 @pytest.mark.parametrize("subpixels", [2, 3, 4])
 def test_what_the_pinhole_sees_of_every_subpixel_has_its_whole_area(subpixels):
     fragments = gather(bars(16), subpixels, 8.0)
-    even, density, _ = evened(fragments, subpixels)
+    even, density, *_ = evened(fragments, subpixels)
     first = even.gap_in_front == 0
     np.testing.assert_allclose(by_subpixel(even, even.values[:, SHARE], first), 1, rtol=1e-5)
     first = fragments.gap_in_front == 0
@@ -73,7 +73,7 @@ def test_what_the_pinhole_sees_of_every_subpixel_has_its_whole_area(subpixels):
 
 def test_colours_and_the_share_of_what_is_hidden_go_with_the_area():
     fragments = gather(bars(16), 2, 8.0)
-    even, density, _ = evened(fragments, 2)
+    even, density, *_ = evened(fragments, 2)
     of = {(x, y, b): v for x, y, b, v in zip(even.x, even.y, even.bin, even.values, strict=True)}
     hidden = 0
     for x, y, bin_, gap, values in zip(
@@ -95,7 +95,7 @@ def test_a_subpixel_without_a_sample_shows_all_that_the_nearest_one_shows():
     samples = bars(16, at_random=False)
     left_out = (np.floor(samples.x) == 7) & (np.floor(samples.y) == 5)
     whole = gather(samples, 1, 8.0)
-    even, density, _ = evened(gather(samples.chosen(~left_out), 1, 8.0), 1)
+    even, density, *_ = evened(gather(samples.chosen(~left_out), 1, 8.0), 1)
     assert density[5, 7] == np.float32(BORROWED_DENSITY)
     there = even.chosen((even.x == 7) & (even.y == 5))
     beside = [
@@ -120,7 +120,7 @@ def test_a_sample_that_stands_for_many_pixels_is_shown_in_all_of_them(cell):
 def test_a_hole_that_is_wider_than_samples_lie_apart_stays_a_hole():
     samples = bars(16, at_random=False)
     samples = samples.chosen((samples.x < 4) | (samples.x > 10))
-    even, density, _ = evened(gather(samples, 1, 8.0), 1)
+    even, density, *_ = evened(gather(samples, 1, 8.0), 1)
     borrowed = [BORROWED_DENSITY]
     expected = [1] * 4 + borrowed + [0] * 4 + borrowed + [1] * 14
     np.testing.assert_allclose(density[8], expected, rtol=1e-5)
