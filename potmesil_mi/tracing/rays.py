@@ -86,7 +86,7 @@ class PrimaryRays:
         """
         hit = self._first_hit(ray)
         if not self.follows_mirrors:
-            return Visible(self.depth(hit), hit, mi.Bool(False), hit)
+            return Visible.direct(self.depth(hit), hit, ray)
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
         origin = to_world @ mi.Point3f(0)

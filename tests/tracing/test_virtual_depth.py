@@ -41,17 +41,18 @@ def looked_at(directions=(0, 0, 1), near=0.01, axis=(0, 0, 1), bounces=8, **shap
     d = mi.Vector3f(np.reshape(directions, (3, -1)).astype(np.float32))
     ray = mi.Ray3f(mi.Point3f(near * d), mi.Vector3f(d / mi.Float(np.linalg.norm(d, axis=0))))
     hit = scene.ray_intersect(ray)
-    depth, last, mirrored, _ = trace_visible(scene, [0, 0, 0], ray, hit, axis, bounces=bounces)
+    visible = trace_visible(scene, [0, 0, 0], ray, hit, axis, bounces=bounces)
+    depth, last, turned = visible.depth, visible.hit, visible.through_window
     names = np.full(len(depth), "", dtype=object)
     for shape in scene.shapes():
         names[np.array(last.is_valid() & (last.shape == mi.ShapePtr(shape)))] = shape.id()
-    return np.array(depth), names, np.broadcast_to(np.array(mirrored), len(depth))
+    return np.array(depth), names, np.broadcast_to(np.array(turned), len(depth))
 
 
 def test_what_a_plane_mirror_shows_is_as_far_behind_it():
-    depth, names, mirrored = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), wall=plane(-2))
+    depth, names, turned = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), wall=plane(-2))
     np.testing.assert_allclose(depth, 3 + 5, rtol=UNFOLDED)
-    assert mirrored.all()
+    assert turned.all()
     assert (names == "wall").all()
 
 
@@ -75,10 +76,10 @@ def test_two_mirrors_unfold_one_after_the_other():
     depth, names, _ = looked_at(bounces=1, **shapes)
     np.testing.assert_allclose(depth, 3 + 4, rtol=UNFOLDED)
     assert (names == "high").all()
-    depth, names, mirrored = looked_at(bounces=0, **shapes)
+    depth, names, turned = looked_at(bounces=0, **shapes)
     np.testing.assert_allclose(depth, 3, rtol=UNFOLDED)
     assert (names == "low").all()
-    assert not mirrored.any()
+    assert not turned.any()
 
 
 def test_mirrors_face_to_face_end_where_the_bounces_do():
@@ -116,9 +117,9 @@ PANES = {
 
 @pytest.mark.parametrize("pane", PANES.values(), ids=PANES)
 def test_what_is_behind_a_pane_has_its_own_depth(pane):
-    depth, names, mirrored = looked_at(fan(), pane=plane(3, bsdf=pane), wall=plane(7))
+    depth, names, turned = looked_at(fan(), pane=plane(3, bsdf=pane), wall=plane(7))
     np.testing.assert_allclose(depth, 7, rtol=1e-5)
-    assert not mirrored.any()
+    assert not turned.any()
     assert (names == "wall").all()
 
 
@@ -141,9 +142,9 @@ OPAQUE = {
 def test_other_surfaces_keep_their_own_depth(name):
     facing = 1 if name == "back of a mirror" else -1
     shown = plane(3, facing=facing, bsdf=OPAQUE[name])
-    depth, names, mirrored = looked_at(fan(), shown=shown, before=plane(-2), behind=plane(7))
+    depth, names, turned = looked_at(fan(), shown=shown, before=plane(-2), behind=plane(7))
     np.testing.assert_allclose(depth, 3, rtol=1e-5)
-    assert not mirrored.any()
+    assert not turned.any()
     assert (names == "shown").all()
 
 
@@ -308,9 +309,9 @@ def test_next_to_the_edge_of_a_curved_mirror_one_neighbour_will_do():
 
 def test_the_sky_in_a_plane_mirror_is_at_infinity():
     sky = {"type": "constant"}
-    depth, names, mirrored = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), sky=sky)
+    depth, names, turned = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), sky=sky)
     assert np.isposinf(depth).all()
-    assert mirrored.all()
+    assert turned.all()
     assert (names == "").all()
 
 
@@ -327,11 +328,11 @@ def test_the_sky_in_a_convex_mirror_is_at_its_focus():
 
 
 def test_rays_that_hit_nothing_are_at_infinity():
-    depth, names, mirrored = looked_at(
+    depth, names, turned = looked_at(
         [[0, 1], [0, 0], [1, 0]], mirror=plane(3, size=1, bsdf=MIRROR)
     )
     assert np.isposinf(depth).all()
-    assert mirrored.tolist() == [True, False]
+    assert turned.tolist() == [True, False]
     assert names.tolist() == ["", ""]
 
 
@@ -350,10 +351,10 @@ def test_scenes_without_mirrors_are_told_apart():
 
 
 def test_without_mirrors_depth_is_that_of_the_first_hit():
-    depth, names, mirrored = looked_at([[0, 1], [0, 0], [1, 1]], ball=ball(4, 1, WALL))
+    depth, names, turned = looked_at([[0, 1], [0, 0], [1, 1]], ball=ball(4, 1, WALL))
     np.testing.assert_allclose(depth, [3, np.inf])
     assert names.tolist() == ["ball", ""]
-    assert not mirrored.any()
+    assert not turned.any()
 
 
 def test_mirrors_in_instances_are_found():
