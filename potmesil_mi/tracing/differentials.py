@@ -83,15 +83,15 @@ class Differentials:
             directions.append(dr.select(active, v_beyond, v))
         return Differentials(points, directions)
 
-    def image(self, d: mi.Vector3f, met: mi.Bool) -> Image:
-        """The image of where rays of unit direction ``d`` end: in the sky unless ``met``."""
+    def transfer(self, d: mi.Vector3f, met: mi.Bool) -> RayTransfer:
+        """How the ends of rays of unit direction ``d`` move; they are in the sky unless ``met``."""
         ends = [dr.select(met, p, v) for p, v in zip(self.points, self.directions, strict=True)]
         u, v = ([dr.dot(e, w) for e in ends] for w in mi.coordinate_system(d))
-        return Image(a=(u[0], u[1], v[0], v[1]), b=(u[2], u[3], v[2], v[3]))
+        return RayTransfer(a=(u[0], u[1], v[0], v[1]), b=(u[2], u[3], v[2], v[3]))
 
 
-class Image(NamedTuple):
-    """How the ends of rays move across the rays, one element for each.
+class RayTransfer(NamedTuple):
+    """How the ends of rays move across the rays, a ray transfer matrix for each.
 
     A ray that leaves the lens do away, and is aimed dm apart at depth 1, ends dQ = A do + B dm
     away. In the sky, Q is the direction. ``a`` and ``b`` are A and B, by rows.
@@ -100,7 +100,7 @@ class Image(NamedTuple):
     a: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
     b: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
 
-    def depth(self) -> mi.Float:
+    def image_depth(self) -> mi.Float:
         """Depth to which rays from the whole lens have to be aimed to meet at the end.
 
         Rays that meet have dm = -B^-1 A do; they pass the image, at depth z, where

@@ -122,7 +122,7 @@ def peeled(
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
-    uint32. What a mirror shows hides nothing.
+    uint32. What a mirror or glass shows hides nothing.
     """
     steps = SIDES * layers - 1
     number = from_numpy(mi.UInt32, chosen)
@@ -239,7 +239,7 @@ def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, 
 
 
 def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
-    """What is to be seen of what a primary ray meets: of an image, the mirror that shows it."""
+    """What is to be seen of what a primary ray meets: of an image, the window that shows it."""
     image, hit, first = visible.through_window, visible.hit, visible.first
     met = image | hit.is_valid()
     point = dr.select(image, first.p, hit.p)

@@ -36,7 +36,7 @@ class PrimaryRays:
     ``crop``                      the crop window of the sensor's film
     ``surfaces``                  ids of surfaces by index in Dr.Jit's registry; see
                                   :func:`potmesil_mi.tracing.shapes.surface_ids`
-    ``follows_mirrors``           whether depth is that of the image in a mirror
+    ``follows_mirrors``           whether depth is that of images in mirrors and glass
     ============================  ==========================================================
     """
 
@@ -80,7 +80,7 @@ class PrimaryRays:
         return ray, weight
 
     def visible(self, ray: mi.Ray3f) -> Visible:
-        """What a primary ray shows first: in a mirror or behind a pane, if these are followed.
+        """What a primary ray shows first: in a mirror or behind glass, if these are followed.
 
         The ray may begin behind what is nearer.
         """

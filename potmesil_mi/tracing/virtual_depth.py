@@ -193,9 +193,9 @@ def trace_visible(
         lambda path: (_step(scene, path),),
     )
     through_window = end.turns > 0
-    image = end.neighbours.image(end.ray.d, end.hit.is_valid())
+    transfer = end.neighbours.transfer(end.ray.d, end.hit.is_valid())
     return Visible(
-        depth=dr.select(through_window, image.depth(), _depth(origin, axis, end.hit)),
+        depth=dr.select(through_window, transfer.image_depth(), _depth(origin, axis, end.hit)),
         hit=end.hit,
         first=hit,
         through_window=through_window,
@@ -203,7 +203,7 @@ def trace_visible(
         throughput=end.throughput,
         turns=end.turns,
         lobes=end.lobes,
-        spread=image.spread(),
+        spread=transfer.spread(),
     )
 
 
