@@ -23,7 +23,7 @@ SAMPLING_OPTIONS = {
     "layers": "most surfaces along a ray that are sampled, where the lens sees them (default 16)",
     "overscan": "beyond each side (default: as far as circles of confusion reach)",
     "min_f_number": "widest aperture that the samples must serve (default: the lens's)",
-    "virtual_depth": "what is seen in mirrors has the depth of its image (default: yes)",
+    "virtual_depth": "images in mirrors and glass have their own depth (default: yes)",
 }
 """Help of the options that are fields of ``Sampling``."""
 

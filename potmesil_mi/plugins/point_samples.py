@@ -68,7 +68,7 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - The widest aperture that ``layers`` and ``overscan`` must serve. (Default: the lens's)
      * - virtual_depth
        - |bool|
-       - Depth of what is seen in mirrors and through panes is that of its image.
+       - Depth of what is seen in mirrors and through glass is that of its image.
          (Default: true)
     """
 

@@ -124,7 +124,7 @@ def peeled(
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
-    uint32. What a mirror shows hides nothing.
+    uint32. What a mirror or glass shows hides nothing.
     """
     steps = SIDES * layers - 1
     number = from_numpy(mi.UInt32, chosen)
@@ -236,18 +236,18 @@ def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple
 def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, mi.Float]:
     """Which rays, which began at ``start``, go on behind what they show, and from where on."""
     passed = start + dr.dot(visible.hit.p - ray.o, ray.d)
-    goes_on = visible.hit.is_valid() & ~visible.mirrored
+    goes_on = visible.hit.is_valid() & ~visible.through_window
     return goes_on, passed + clearance(visible.hit.p, passed)
 
 
 def target_of(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
-    """What is to be seen of what a primary ray meets: of an image, the mirror that shows it."""
-    mirrored, hit, first = visible.mirrored, visible.hit, visible.first
-    met = mirrored | hit.is_valid()
-    point = dr.select(mirrored, first.p, hit.p)
+    """What is to be seen of what a primary ray meets: of an image, the window that shows it."""
+    image, hit, first = visible.through_window, visible.hit, visible.first
+    met = image | hit.is_valid()
+    point = dr.select(image, first.p, hit.p)
     return Target(
         point=dr.select(met, point, ray.o),
-        normal=dr.select(mirrored, first.n, hit.n),
+        normal=dr.select(image, first.n, hit.n),
         direction=mi.Vector3f(ray.d),
         met=met,
         number=mi.UInt32(number),

@@ -36,7 +36,7 @@ class PrimaryRays:
     ``crop``                      the crop window of the sensor's film
     ``surfaces``                  ids of surfaces by index in Dr.Jit's registry; see
                                   :func:`potmesil_mi.tracing.shapes.surface_ids`
-    ``follows_mirrors``           whether depth is that of the image in a mirror
+    ``follows_mirrors``           whether depth is that of images in mirrors and glass
     ============================  ==========================================================
     """
 
@@ -80,13 +80,13 @@ class PrimaryRays:
         return ray, weight
 
     def visible(self, ray: mi.Ray3f) -> Visible:
-        """What a primary ray shows first: in a mirror or behind a pane, if these are followed.
+        """What a primary ray shows first: in a mirror or behind glass, if these are followed.
 
         The ray may begin behind what is nearer.
         """
         hit = self._first_hit(ray)
         if not self.follows_mirrors:
-            return Visible(self.depth(hit), hit, mi.Bool(False), hit)
+            return Visible.direct(self.depth(hit), hit, ray)
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
         origin = to_world @ mi.Point3f(0)

@@ -47,8 +47,8 @@ class Sampling:
                                   of the ``sampler`` are few
     ``min_f_number``              the widest aperture that ``layers`` and ``overscan`` must
                                   serve; by default that of the lens at hand
-    ``virtual_depth``             depth of what is seen in mirrors and through panes is that of
-                                  its image (default), not that of the mirror or pane
+    ``virtual_depth``             depth of what is seen in mirrors and through glass is that of
+                                  its image (default), not that of the mirror or glass
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each

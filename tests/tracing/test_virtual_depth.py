@@ -3,13 +3,12 @@
 import mitsuba as mi
 import numpy as np
 import pytest
+from specular import MIRROR, WALL, ball, bulge, fan, looked_at, mesh, plane
 
-from potmesil_mi.tracing.virtual_depth import has_specular, trace_visible
+from potmesil_mi.tracing.virtual_depth import has_specular
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
-MIRROR = {"type": "twosided", "bsdf": {"type": "conductor"}}
-WALL = {"type": "twosided", "bsdf": {"type": "diffuse"}}
 UNFOLDED = 1e-4
 """Relative: Mitsuba starts a reflected ray 9e-5 (1 + |p|) away from the surface."""
 
@@ -17,41 +16,10 @@ PARAXIAL = 2e-4
 """Relative: 1e-6 of a step over it of a mirror's radius, and the error of single precision."""
 
 
-def plane(z, facing=-1, turn=0, x=0, size=20, bsdf=WALL):
-    """A square at (x, 0, z), turned by degrees about the y axis."""
-    place = mi.ScalarTransform4f().translate([x, 0, z]).rotate([0, 1, 0], turn)
-    place = place.rotate([0, 1, 0], 180 if facing < 0 else 0).scale(size)
-    return {"type": "rectangle", "to_world": place, "bsdf": bsdf}
-
-
-def ball(z, radius, bsdf=MIRROR):
-    return {"type": "sphere", "center": [0, 0, z], "radius": radius, "bsdf": bsdf}
-
-
-def fan():
-    """Directions up to 30 degrees off the axis."""
-    tangents = np.linspace(-0.6, 0.6, 5)
-    x, y = (v.ravel() for v in np.meshgrid(tangents, tangents))
-    return np.stack([x, y, np.ones_like(x)])
-
-
-def looked_at(directions=(0, 0, 1), near=0.01, axis=(0, 0, 1), bounces=8, **shapes):
-    """Depths, names of what is seen and whether it is past something, of each direction."""
-    scene = mi.load_dict({"type": "scene", **shapes}, optimize=False)
-    d = mi.Vector3f(np.reshape(directions, (3, -1)).astype(np.float32))
-    ray = mi.Ray3f(mi.Point3f(near * d), mi.Vector3f(d / mi.Float(np.linalg.norm(d, axis=0))))
-    hit = scene.ray_intersect(ray)
-    depth, last, mirrored, _ = trace_visible(scene, [0, 0, 0], ray, hit, axis, bounces=bounces)
-    names = np.full(len(depth), "", dtype=object)
-    for shape in scene.shapes():
-        names[np.array(last.is_valid() & (last.shape == mi.ShapePtr(shape)))] = shape.id()
-    return np.array(depth), names, np.broadcast_to(np.array(mirrored), len(depth))
-
-
 def test_what_a_plane_mirror_shows_is_as_far_behind_it():
-    depth, names, mirrored = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), wall=plane(-2))
+    depth, names, turned = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), wall=plane(-2))
     np.testing.assert_allclose(depth, 3 + 5, rtol=UNFOLDED)
-    assert mirrored.all()
+    assert turned.all()
     assert (names == "wall").all()
 
 
@@ -75,10 +43,10 @@ def test_two_mirrors_unfold_one_after_the_other():
     depth, names, _ = looked_at(bounces=1, **shapes)
     np.testing.assert_allclose(depth, 3 + 4, rtol=UNFOLDED)
     assert (names == "high").all()
-    depth, names, mirrored = looked_at(bounces=0, **shapes)
+    depth, names, turned = looked_at(bounces=0, **shapes)
     np.testing.assert_allclose(depth, 3, rtol=UNFOLDED)
     assert (names == "low").all()
-    assert not mirrored.any()
+    assert not turned.any()
 
 
 def test_mirrors_face_to_face_end_where_the_bounces_do():
@@ -116,14 +84,13 @@ PANES = {
 
 @pytest.mark.parametrize("pane", PANES.values(), ids=PANES)
 def test_what_is_behind_a_pane_has_its_own_depth(pane):
-    depth, names, mirrored = looked_at(fan(), pane=plane(3, bsdf=pane), wall=plane(7))
+    depth, names, turned = looked_at(fan(), pane=plane(3, bsdf=pane), wall=plane(7))
     np.testing.assert_allclose(depth, 7, rtol=1e-5)
-    assert not mirrored.any()
+    assert not turned.any()
     assert (names == "wall").all()
 
 
 OPAQUE = {
-    "refracting": {"type": "dielectric"},
     "rough mirror": {"type": "roughconductor", "alpha": 0.05},
     "plastic": {"type": "plastic"},
     "more opaque than not": {"type": "mask", "opacity": 0.6, "bsdf": WALL},
@@ -141,9 +108,9 @@ OPAQUE = {
 def test_other_surfaces_keep_their_own_depth(name):
     facing = 1 if name == "back of a mirror" else -1
     shown = plane(3, facing=facing, bsdf=OPAQUE[name])
-    depth, names, mirrored = looked_at(fan(), shown=shown, before=plane(-2), behind=plane(7))
+    depth, names, turned = looked_at(fan(), shown=shown, before=plane(-2), behind=plane(7))
     np.testing.assert_allclose(depth, 3, rtol=1e-5)
-    assert not mirrored.any()
+    assert not turned.any()
     assert (names == "shown").all()
 
 
@@ -249,28 +216,6 @@ def test_a_cylinder_has_the_mean_of_its_plane_and_its_curved_image():
     np.testing.assert_allclose(depth, expected, rtol=PARAXIAL)
 
 
-def mesh(z, normals, texcoords, n=65):
-    """A square of two units with the given normals, of n x n vertices, that is a mirror."""
-    u, v = (w.ravel() for w in np.meshgrid(*2 * [np.linspace(-1, 1, n)]))
-    first = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate(
-        [[first, first + n, first + 1], [first + 1, first + n, first + n + 1]], axis=1
-    )
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(MIRROR)
-    result = mi.Mesh("mirror", n * n, faces.shape[1], props, True, texcoords)
-    parameters = mi.traverse(result)
-    height, normals = normals(u, v)
-    points = np.stack([u, v, z + height], axis=-1)
-    parameters["vertex_positions"] = mi.Float(points.ravel().astype("f"))
-    parameters["vertex_normals"] = mi.Float(normals.ravel().astype("f"))
-    parameters["faces"] = mi.UInt32(faces.T.ravel().astype(np.uint32))
-    if texcoords:
-        parameters["vertex_texcoords"] = mi.Float((np.stack([u, v], -1) * 3).ravel().astype("f"))
-    parameters.update()
-    return result
-
-
 @pytest.mark.parametrize("texcoords", [False, True])
 def test_a_flat_mesh_with_smooth_normals_is_a_plane_mirror(texcoords):
     def flat(u, v):
@@ -283,11 +228,7 @@ def test_a_flat_mesh_with_smooth_normals_is_a_plane_mirror(texcoords):
 
 @pytest.mark.parametrize("texcoords", [False, True])
 def test_a_mesh_with_smooth_normals_is_curved_as_they_say(texcoords):
-    def convex(u, v):
-        w = np.sqrt(4**2 - u**2 - v**2)
-        return 4 - w, np.stack([u, v, -w], axis=-1) / 4
-
-    mirror = mesh(3, convex, texcoords)
+    mirror = mesh(3, bulge, texcoords)
     depth, _, _ = looked_at([0.01, 0.005, 1], mirror=mirror, wall=plane(-2))
     # Between vertices 1/128 of the radius apart, and 1/100 off the axis.
     np.testing.assert_allclose(depth, images_depth(3, -2, -4), rtol=2e-3)
@@ -308,9 +249,9 @@ def test_next_to_the_edge_of_a_curved_mirror_one_neighbour_will_do():
 
 def test_the_sky_in_a_plane_mirror_is_at_infinity():
     sky = {"type": "constant"}
-    depth, names, mirrored = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), sky=sky)
+    depth, names, turned = looked_at(fan(), mirror=plane(3, bsdf=MIRROR), sky=sky)
     assert np.isposinf(depth).all()
-    assert mirrored.all()
+    assert turned.all()
     assert (names == "").all()
 
 
@@ -327,11 +268,9 @@ def test_the_sky_in_a_convex_mirror_is_at_its_focus():
 
 
 def test_rays_that_hit_nothing_are_at_infinity():
-    depth, names, mirrored = looked_at(
-        [[0, 1], [0, 0], [1, 0]], mirror=plane(3, size=1, bsdf=MIRROR)
-    )
+    depth, names, turned = looked_at([[0, 1], [0, 0], [1, 0]], mirror=plane(3, size=1, bsdf=MIRROR))
     assert np.isposinf(depth).all()
-    assert mirrored.tolist() == [True, False]
+    assert turned.tolist() == [True, False]
     assert names.tolist() == ["", ""]
 
 
@@ -350,10 +289,10 @@ def test_scenes_without_mirrors_are_told_apart():
 
 
 def test_without_mirrors_depth_is_that_of_the_first_hit():
-    depth, names, mirrored = looked_at([[0, 1], [0, 0], [1, 1]], ball=ball(4, 1, WALL))
+    depth, names, turned = looked_at([[0, 1], [0, 0], [1, 1]], ball=ball(4, 1, WALL))
     np.testing.assert_allclose(depth, [3, np.inf])
     assert names.tolist() == ["ball", ""]
-    assert not mirrored.any()
+    assert not turned.any()
 
 
 def test_mirrors_in_instances_are_found():
