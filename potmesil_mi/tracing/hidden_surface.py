@@ -27,6 +27,7 @@ from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
 from .rays import PrimaryRays
 from .sampling import Sampling
+from .seen_through import SeenThrough, seen_elsewhere, seen_through
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
 from .virtual_depth import has_specular
@@ -115,10 +116,7 @@ def _sampled(
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     visible = sample_visible(rays, window, sampling)
-    start, lens_rays = np.empty(0, np.float32), None
-    if sampling.layers > 1:
-        lens_rays, start = _add_hidden(rays, visible, window, widest, sampling.layers)
-    columns = visible.buffer.columns()
+    columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers)
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
         camera=sensor.camera(),
@@ -126,32 +124,60 @@ def _sampled(
         surfaces=surfaces,
         lattice=visible.lattice,
         window=window,
+        visibility_radius=radius if columns.visibility is not None else None,
     )
 
 
-def _add_hidden(
+def _with_hidden(
     rays: PrimaryRays,
     visible: VisibleSamples,
     window: Window,
     widest: ThinLens | TelecentricLens,
     layers: int,
-) -> tuple[LensRays | None, np.ndarray]:
-    """Add what the widest lens sees behind ``visible``.
+) -> tuple[Columns, tuple[float, float]]:
+    """``visible``, and what the widest lens sees behind them and in windows beside them.
 
-    Returns the rays of the lens, ``None`` where nothing can be hidden, and where on its primary ray
-    each hidden sample's own begins, float32 (N,).
+    Also returns the half-widths of that lens.
     """
-    first, camera, lens = visible.buffer.columns(), rays.sensor.camera(), widest
+    buffer = visible.buffer
+    first, start = buffer.columns(), np.zeros(len(buffer.columns()), np.float32)
+    lens = LensRays.of(rays, widest, float(first.z.min()))
+    windows = rays.follows_mirrors and not lens.telecentric and min(lens.radius) > 0
+    seen = seen_through(first.x, first.y, start, rays, lens) if windows else None
+    if layers > 1:
+        chosen = _may_hide(rays, first, seen, window, widest)
+        if len(chosen) > 0:
+            paths = 1 if visible.lattice == 0 else rays.passes.spp
+            start = add_hidden(buffer, chosen, rays, lens, layers, paths)
+    columns = buffer.columns()
+    if seen is None or not seen.through.any():
+        return columns, lens.radius
+    if len(columns) > len(first):
+        hidden = columns.chosen(np.arange(len(first), len(columns)))
+        seen = seen.followed_by(seen_through(hidden.x, hidden.y, start, rays, lens))
+    columns = dataclasses.replace(columns, through=seen.through, visibility=seen.visibility)
+    if layers > 1 and visible.lattice == 0:
+        columns = Columns.joined([columns, *seen_elsewhere(rays, lens, window, columns)])
+    return columns, lens.radius
+
+
+def _may_hide(
+    rays: PrimaryRays,
+    first: Columns,
+    seen: SeenThrough | None,
+    window: Window,
+    widest: ThinLens | TelecentricLens,
+) -> np.ndarray:
+    """Which of the samples ``first``, int (n,), may have something behind them that is seen."""
+    camera, lens = rays.sensor.camera(), widest
     if isinstance(lens, TelecentricLens):
         picture = as_thin_lens(first.z, lens, camera)
         first = dataclasses.replace(first, z=picture.depth(first.z))
         lens, camera = picture.lens, picture.camera
-    chosen = may_hide(first, window, lens, camera)
-    if len(chosen) == 0:
-        return None, np.empty(0, np.float32)
-    paths = 1 if visible.lattice == 0 else rays.passes.spp
-    lens_rays = LensRays.of(rays, widest, float(visible.buffer.columns().z.min()))
-    return lens_rays, add_hidden(visible.buffer, chosen, rays, lens_rays, layers, paths)
+    if seen is not None:
+        depth = np.where(seen.through > 0, seen.through, first.z)
+        first = dataclasses.replace(first, z=depth)
+    return may_hide(first, window, lens, camera)
 
 
 def _crop_window(film: mi.Film) -> Window:

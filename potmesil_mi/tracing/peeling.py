@@ -124,7 +124,7 @@ def peeled(
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
-    uint32. What a mirror or glass shows hides nothing.
+    uint32. Of what a mirror or glass shows it is these behind which something is hidden.
     """
     steps = SIDES * layers - 1
     number = from_numpy(mi.UInt32, chosen)
@@ -235,9 +235,9 @@ def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple
 
 def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, mi.Float]:
     """Which rays, which began at ``start``, go on behind what they show, and from where on."""
-    passed = start + dr.dot(visible.hit.p - ray.o, ray.d)
-    goes_on = visible.hit.is_valid() & ~visible.through_window
-    return goes_on, passed + clearance(visible.hit.p, passed)
+    last = dr.select(visible.through_window, visible.first, visible.hit)
+    passed = start + dr.dot(last.p - ray.o, ray.d)
+    return last.is_valid(), passed + clearance(last.p, passed)
 
 
 def target_of(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:

@@ -1,0 +1,277 @@
+"""What is seen through windows: how deep these are, and which points of the lens see it.
+
+The image in a mirror may be in focus where the mirror's rim is not. Who covers whom depends on the
+rim, and a point of the lens sees the image where the ray towards it, reflected and refracted as the
+pinhole's was, ends where that did. That cannot be inferred from other samples, so it is kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .._backend import from_numpy
+from .._progress import track
+from ..optics.disc import lens_points
+from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns
+from ..samples.raster import Window
+from .buffers import Shown, to_host
+from .lens_rays import LensRays
+from .passes import wavefronts
+from .patterns import sampler_cells
+from .peeling import primary
+from .rays import PrimaryRays
+from .virtual_depth import Visible
+from .windows import Chain, meets_end
+
+LABEL = "Windows"
+"""What is said of the progress."""
+
+TOLERANCE = 4.0
+"""How far rays of the lens may miss what they are aimed at, in pixels: only plane mirrors show all
+of the lens the same image."""
+
+FEW_POINTS = 8
+"""What so many of the outermost points of the lens see is seen by all."""
+
+FINDERS = 16
+"""Points of the lens from which what the pinhole does not see is looked for."""
+
+ALL = 2**VISIBILITY_POINTS - 1
+"""``visibility`` of what all points of the lens see."""
+
+
+class SeenThrough(NamedTuple):
+    """The columns ``through`` and ``visibility`` of samples, float32 and uint64, (N,) each."""
+
+    through: np.ndarray
+    visibility: np.ndarray
+
+    def followed_by(self, other: SeenThrough) -> SeenThrough:
+        """Those of these samples and then those of ``other``."""
+        return SeenThrough(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+
+def seen_through(
+    x: np.ndarray, y: np.ndarray, start: np.ndarray, rays: PrimaryRays, lens: LensRays
+) -> SeenThrough:
+    """Through what primary rays show what they do, and which points of the ``lens`` see that.
+
+    ``x``, ``y``, float32 (N,), are the rays' positions in pixels of the film, and ``start`` where
+    on them they begin, in scene units. Of what is seen directly both are 0.
+    """
+    through, visibility = np.zeros(len(x), np.float32), np.zeros(len(x), np.uint64)
+    for part in track(wavefronts(len(x), 1), LABEL):
+        place = (from_numpy(mi.Float, column[part]) for column in (x, y, start))
+        at_x, at_y, begins = place
+        ray = primary(mi.Point2f(at_x, at_y), begins, rays)
+        visible = rays.visible(ray)
+        image = _Image.of(ray, visible, rays)
+        through_window, depth = visible.through_window, rays.depth(visible.first)
+        dr.eval(through_window, depth, image)
+        index = dr.compress(through_window)
+        if dr.width(index) == 0:
+            continue
+        there = np.array(index).astype(np.int64) + part.start
+        through[there] = np.array(dr.gather(mi.Float, depth, index))
+        visibility[there] = _visibility(dr.gather(_Image, image, index), lens)
+    return SeenThrough(through, visibility)
+
+
+def seen_elsewhere(
+    rays: PrimaryRays, lens: LensRays, window: Window, columns: Columns
+) -> list[Columns]:
+    """What the lens sees in windows and the pinhole does not: samples of layer ``ELSEWHERE``.
+
+    Rays of some points of the lens show it. Its place is where the pinhole would see the image.
+    What several of the points see is found from each of them, so that a sample there stands for
+    less. ``columns`` are the samples that there are.
+    """
+    assert columns.through is not None
+    images = columns.through > 0
+    vergence = float(np.average(1 / columns.z[images], weights=columns.weight[images]))
+    spp = rays.passes.spp
+    finder = _Finder(rays, lens, window, vergence, min(FINDERS, spp))
+    parts = sampler_cells(rays.crop, window)
+    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), spp)]
+    found = []
+    for cells in track(passes, LABEL):
+        rays.passes.begin(len(cells) * spp)
+        position, _ = cells.positions(rays.passes.sampler.next_2d(), spp)
+        found.append(finder.found(position, np.repeat(cells.area / spp, spp)))
+    return [part for part in found if part is not None]
+
+
+class _Finder:
+    """Finds in windows what some ``points`` of the lens see and the pinhole does not.
+
+    Their rays go to where those of the pinhole are at a ``vergence``, so that most of what they
+    find is seen near there.
+    """
+
+    def __init__(
+        self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float, points: int
+    ) -> None:
+        self.rays, self.lens, self.window = rays, lens, window
+        self.vergence, self.points = dr.opaque(mi.Float, vergence), points
+        self.step = VISIBILITY_POINTS // points
+        self.u, self.v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+
+    def found(self, position: mi.Point2f, area: np.ndarray) -> Columns | None:
+        """What is found by rays by way of each ``position`` on the film; ``None`` for nothing.
+
+        ``area``, (N,), is what of the film each of them stands for, in pixels.
+        """
+        point = dr.arange(mi.UInt32, dr.width(position)) % self.points * self.step
+        ray, _ = self._ray(position, point)
+        visible = self.rays.visible(mi.Ray3f(ray))
+        image = _Image.of(ray, visible, self.rays)
+        new = visible.through_window
+        new &= ~image.seen_from(mi.Float(0), mi.Float(0), self.lens, new)
+        x, y = self._place(image)
+        new &= (x >= self.window.left) & (x < self.window.right)
+        new &= (y >= self.window.top) & (y < self.window.bottom)
+        depth, surface = self.rays.depth(visible.first), self.rays.surface_of(visible.hit)
+        known = x, y, visible.depth, depth, surface
+        dr.eval(new, image, position, known)
+        index = dr.compress(new)
+        if dr.width(index) == 0:
+            return None
+        visibility = np.array(_bits(dr.gather(_Image, image, index), self.lens, 0))
+        own = np.array(dr.gather(mi.UInt32, point, index)).astype(np.uint64)
+        sees = (visibility >> own & np.uint64(1)) > 0
+        finders = np.uint64(sum(1 << k * self.step for k in range(self.points)))
+        share = self.points / np.maximum(np.bitwise_count(visibility & finders), 1)
+        shown = self._shown(
+            dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
+        )
+        x, y, z, through, surface = (np.array(dr.gather(type(of), of, index)) for of in known)
+        found = Columns(
+            x=x,
+            y=y,
+            rgb=shown.rgb,
+            alpha=shown.alpha,
+            z=z,
+            surface=surface,
+            weight=area[np.array(index)] * share,
+            layer=np.full(len(x), ELSEWHERE, np.uint8),
+            through=through,
+            visibility=visibility,
+        )
+        return found.chosen(sees & found.is_valid())
+
+    def _ray(
+        self, position: mi.Point2f, point: mi.UInt32
+    ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray of each ``point`` by way of each ``position``, and its weight."""
+        ray, weight = self.rays.sampled(position)
+        axis, origin = self.lens.axis, self.lens.origin
+        per_depth = ray.d / dr.dot(ray.d, axis)
+        u, v = dr.gather(mi.Float, self.u, point), dr.gather(mi.Float, self.v, point)
+        step = u * self.lens.across[0] + v * self.lens.across[1]
+        near = dr.dot(ray.o - origin, axis)
+        ray.o += step * (1 - near * self.vergence)
+        ray.d = dr.normalize(per_depth - step * self.vergence)
+        ray.has_differentials = False
+        return ray, weight
+
+    def _place(self, image: _Image) -> tuple[mi.Float, mi.Float]:
+        """Where on the film the pinhole would see images, in pixels."""
+        camera = self.rays.sensor.camera()
+        apart = dr.select(image.is_near, image.point - self.lens.origin, image.direction)
+        scale = camera.focal_length_pixels / dr.dot(apart, self.lens.axis)
+        x, y = (
+            dr.opaque(mi.Float, middle) - scale * dr.dot(apart, across)
+            for middle, across in zip(camera.principal_point, self.lens.across, strict=True)
+        )
+        return x, y
+
+    def _shown(self, position: mi.Point2f, point: mi.UInt32) -> Shown:
+        """What the rays by way of each ``position`` show."""
+        count, spp = dr.width(position), self.rays.passes.spp
+        # The sampler wants whole pixels.
+        lanes = -(-count // spp) * spp
+        self.rays.passes.begin(lanes)
+        lane = dr.minimum(dr.arange(mi.UInt32, lanes), count - 1)
+        ray, weight = self._ray(
+            dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
+        )
+        nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
+        traced = self.rays.shaded(ray, weight, *nothing)
+        return to_host(traced)[0][:count]
+
+
+@dataclasses.dataclass
+class _Image:
+    """Images, as Dr.Jit arrays.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``point``                     where the image is, if it ``is_near``
+    ``direction``                 unit direction of it from the pinhole
+    ``is_near``                   whether it is nearer than infinity
+    ``chain``                     how the rays of the pinhole get from there to their end
+    ``tolerance``                 that of :func:`meets_end`
+    ============================  ==========================================================
+    """
+
+    point: mi.Point3f
+    direction: mi.Vector3f
+    is_near: mi.Bool
+    chain: Chain
+    tolerance: mi.Float
+
+    @classmethod
+    def of(cls, ray: mi.Ray3f, visible: Visible, rays: PrimaryRays) -> _Image:
+        """The images that primary rays show."""
+        is_near = dr.isfinite(visible.depth)
+        distance = dr.select(is_near, rays.distance(ray, visible.depth), 0)
+        tolerance = TOLERANCE / rays.sensor.camera().focal_length_pixels
+        chain = Chain.of(visible)
+        return cls(ray(distance), mi.Vector3f(ray.d), is_near, chain, mi.Float(tolerance))
+
+    def seen_from(self, u: mi.Float, v: mi.Float, lens: LensRays, active: mi.Bool) -> mi.Bool:
+        """Which images points of the lens see; (u, v) to the left and upwards, in scene units."""
+        origin = lens.origin + u * lens.across[0] + v * lens.across[1]
+        direction = dr.select(self.is_near, dr.normalize(self.point - origin), self.direction)
+        ray = mi.Ray3f(origin, direction)
+        return meets_end(lens.rays.scene, ray, self.chain, self.tolerance, active)
+
+
+def _visibility(image: _Image, lens: LensRays) -> np.ndarray:
+    """Which points of the lens see each image, uint64 (N,)."""
+    few = np.array(_bits(image, lens, VISIBILITY_POINTS - FEW_POINTS))
+    outermost = np.uint64(
+        ALL >> (VISIBILITY_POINTS - FEW_POINTS) << (VISIBILITY_POINTS - FEW_POINTS)
+    )
+    found = np.where(few == outermost, np.uint64(ALL), few)
+    partly = np.flatnonzero(few != outermost)
+    if len(partly) > 0:
+        for part in wavefronts(len(partly), VISIBILITY_POINTS):
+            index = from_numpy(mi.UInt32, partly[part])
+            found[partly[part]] = np.array(_bits(dr.gather(_Image, image, index), lens, 0))
+    return found
+
+
+def _bits(image: _Image, lens: LensRays, first: int) -> mi.UInt64:
+    """Which points of the lens from ``first`` on see each image."""
+    u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+
+    def look(point: mi.UInt32, found: mi.UInt64) -> tuple[mi.UInt32, mi.UInt64]:
+        at = dr.gather(mi.Float, u, point), dr.gather(mi.Float, v, point)
+        sees = image.seen_from(*at, lens, mi.Bool(True))
+        return point + 1, found | dr.select(sees, mi.UInt64(1) << mi.UInt64(point), mi.UInt64(0))
+
+    end, lanes = dr.opaque(mi.UInt32, VISIBILITY_POINTS), dr.width(image)
+    state = dr.full(mi.UInt32, first, lanes), dr.zeros(mi.UInt64, lanes)
+    return dr.while_loop(state, lambda point, _: point < end, look)[1]
+
+
+def _points(lens: LensRays) -> np.ndarray:
+    """The points of the lens, (64, 2), to the left and upwards, in scene units."""
+    return -lens_points(VISIBILITY_POINTS) * lens.radius
