@@ -130,22 +130,26 @@ def _gathered_known(
 ) -> tuple[Fragments, np.ndarray]:
     """The light of samples of known visibility, and what the lens sees of it: see ``Gathered``.
 
-    What all points of the lens see is apart from the rest.
+    What all points of the lens see is apart from the rest. Where samples become one fragment, each
+    counts as much of its light as there are points that see it.
     """
     assert samples.visibility is not None
     raster = samples.window.subdivided(subpixels)
-    partly = samples.visibility != np.uint64(2**VISIBILITY_POINTS - 1)
-    some = samples.replace(layer=partly.astype(np.uint8))
+    seen_by = np.bitwise_count(samples.visibility)
+    weight = samples.weight * (seen_by / np.float32(VISIBILITY_POINTS))
+    partly = seen_by < VISIBILITY_POINTS
+    some = samples.replace(layer=partly.astype(np.uint8), weight=weight)
     located = functools.partial(_located, some, subpixels, raster)
     index = np.arange(len(some))
     places = _places(located, index, bins)
     place, _, vergence, light, same = _sorted_sums(some, subpixels, alpha, degree, index, *places)
+    # The whole area that the light has, also where no point sees it.
+    area = np.bincount(same, samples.weight, len(place))
+    light *= (area / np.bincount(same, weight, len(place)))[:, None, None]
     seen = np.empty((len(place), VISIBILITY_POINTS), np.uint8)
-    total = np.bincount(same, some.weight, len(place))
     for point in range(VISIBILITY_POINTS):
         bit = samples.visibility >> np.uint64(point) & np.uint64(1)
-        share = np.bincount(same, some.weight * bit, len(place)) / total
-        seen[:, point] = np.rint(255 * share)
+        seen[:, point] = np.rint(255 * np.bincount(same, samples.weight * bit, len(place)) / area)
     fragments = _fragments(raster, bins, place, vergence, light, degree)
     return dataclasses.replace(fragments, known=np.arange(len(place), dtype=np.int32)), seen
 
