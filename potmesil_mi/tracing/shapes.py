@@ -5,12 +5,16 @@ Both go by Dr.Jit's registry of shapes, in which :func:`registry_index` finds wh
 
 from __future__ import annotations
 
+import re
 from operator import itemgetter
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+ALPHA = re.compile(r"(^|\.)alpha(_[uv])?(\.value|\.data)?$")
+"""The names by which ``mi.traverse`` finds the roughness of microfacets."""
 
 
 def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
@@ -41,21 +45,59 @@ def bsdf_flags(scene: mi.Scene) -> np.ndarray:
     Instances do not tell their shapes, which come before them in Dr.Jit's registry: where there
     are instances, shapes of other scenes may be among the result.
     """
-    shapes = scene.shapes_dr()
-    if any(shape.class_name() == "Instance" for shape in scene.shapes()):
-        shapes = dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
-    return np.array(shapes.bsdf().flags())
+    return np.array(_bsdfs(scene).flags())
+
+
+def bsdf_alphas(scene: mi.Scene) -> np.ndarray | None:
+    """How rough microfacets are that do nothing but reflect and refract: their alpha.
+
+    Returns float32 by index in Dr.Jit's registry of BSDFs, with 0 for other BSDFs, and ``None``
+    where there is no such one. Of textures, and of nested BSDFs, it is the mean. Shapes are those
+    of :func:`bsdf_flags`.
+    """
+    kinds, bsdfs = mi.BSDFFlags, _bsdfs(scene)
+    flags, indices = (np.array(each) for each in (bsdfs.flags(), _registered(bsdfs)))
+    glossy = (flags & (int(kinds.GlossyReflection) | int(kinds.GlossyTransmission))) != 0
+    glossy &= (flags & (int(kinds.Diffuse) | int(kinds.Delta1D))) == 0
+    rough = np.unique(indices[glossy])
+    if len(rough) == 0:
+        return None
+    alphas = np.zeros(rough.max() + 1, dtype=np.float32)
+    pointers = dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(rough))
+    for i, index in enumerate(rough):
+        found = [np.mean(np.array(v)) for k, v in mi.traverse(pointers[i]) if ALPHA.search(k)]
+        alphas[index] = np.mean(found) if found else 0
+    return alphas if alphas.any() else None
 
 
 def registry_index(hit: mi.SurfaceInteraction3f) -> mi.UInt32:
     """Index in Dr.Jit's registry of what was hit: of the instance, where there is one."""
     shape = dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape)
-    return dr.reinterpret_array(mi.UInt32, shape)
+    return _registered(shape)
+
+
+def alpha_at(hit: mi.SurfaceInteraction3f, alphas: mi.Float, active: mi.Bool) -> mi.Float:
+    """Of the table that :func:`bsdf_alphas` gives, what is true of ``hit``."""
+    index = _registered(hit.bsdf())
+    return dr.gather(mi.Float, alphas, index, active & (index < dr.width(alphas)))
+
+
+def _registered(pointers: Any) -> mi.UInt32:
+    """Indices of instances in Dr.Jit's registry."""
+    return dr.reinterpret_array(mi.UInt32, pointers)
+
+
+def _bsdfs(scene: mi.Scene) -> mi.BSDFPtr:
+    """The BSDFs that :func:`bsdf_flags` tells of."""
+    shapes = scene.shapes_dr()
+    if any(shape.class_name() == "Instance" for shape in scene.shapes()):
+        shapes = dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
+    return shapes.bsdf()
 
 
 def _indices(scene: mi.Scene) -> np.ndarray:
     """Indices in Dr.Jit's registry of the scene's shapes, in their order."""
-    return np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
+    return np.array(_registered(scene.shapes_dr()))
 
 
 def _place_and_size(shape: mi.Shape) -> tuple[Any, ...]:

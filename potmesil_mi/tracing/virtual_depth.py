@@ -16,7 +16,7 @@ import mitsuba as mi
 from .._validation import require_whole
 from .clearance import ray_from
 from .differentials import Differentials
-from .shapes import bsdf_flags
+from .shapes import alpha_at, bsdf_alphas, bsdf_flags
 
 BOUNCES = 16
 """Surfaces at which a path goes on, at most. A filled drinking glass has six, before a mirror they
@@ -25,13 +25,24 @@ are thirteen; the rest is for light that is reflected within."""
 MOST_BOUNCES = 32
 """The kinds of so many surfaces are bits of a number."""
 
+DULL = 0.4
+"""So far in radians rough microfacets spread the light of a direction when they show no image: a
+mirror of an alpha of 0.2. A lens of less than a fifth of its distance to them blurs less than the
+microfacets do, whatever depth is taken for the image."""
+
 
 def has_specular(scene: mi.Scene) -> bool:
     """Whether the scene may have surfaces at which :func:`trace_visible` goes on.
 
-    The flags of the BSDFs decide it, which include the flags of nested ones.
+    The flags of the BSDFs decide it, which include the flags of nested ones, and their roughness.
     """
-    return bool(_is_specular(bsdf_flags(scene)).any())
+    return bool(_is_specular(bsdf_flags(scene)).any()) or bsdf_alphas(scene) is not None
+
+
+def rough_alphas(scene: mi.Scene) -> mi.Float | None:
+    """The table of rough surfaces that :func:`onward_from` needs; ``None`` without any."""
+    alphas = bsdf_alphas(scene)
+    return None if alphas is None else mi.Float(alphas)
 
 
 class Visible(NamedTuple):
@@ -51,7 +62,10 @@ class Visible(NamedTuple):
     ``throughput``                this times the radiance that comes along ``last`` is the light
                                   of the chain along the primary ray. It is the product of the
                                   shares of light of the lobes that were followed; in refracting
-                                  surfaces these include the change of radiance by eta²
+                                  surfaces these include the change of radiance by eta². It is 0
+                                  where one is rough: no single ray brings the light
+    ``sharpness``                 weight of the image in 1/``depth``, from 1 down to 0 as rough
+                                  surfaces of the chain take it away
     ``turns``                     how many surfaces of the chain turned the ray. What lets it
                                   pass straight does not count
     ``lobes``                     bit i is set where the i-th of these, from 0, has reflected
@@ -69,6 +83,7 @@ class Visible(NamedTuple):
     through_window: mi.Bool
     last: mi.Ray3f
     throughput: mi.UnpolarizedSpectrum
+    sharpness: mi.Float
     turns: mi.UInt32
     lobes: mi.UInt32
     spread: mi.Float
@@ -83,6 +98,7 @@ class Visible(NamedTuple):
             through_window=mi.Bool(False),
             last=ray,
             throughput=mi.UnpolarizedSpectrum(1),
+            sharpness=mi.Float(1),
             turns=mi.UInt32(0),
             lobes=mi.UInt32(0),
             spread=dr.select(hit.is_valid(), depth, 1),
@@ -101,7 +117,9 @@ class Onward(NamedTuple):
     ``direction``                 unit direction in which it is reflected or refracted
     ``eta``                       index of refraction beyond the surface over that before it; 1
                                   where the ray is reflected
-    ``weight``                    radiance before the surface over that beyond it
+    ``weight``                    radiance before the surface over that beyond it, 0 where it is
+                                  rough
+    ``sharpness``                 weight of what is seen beyond in 1/depth; 1 unless it is rough
     ============================  ==========================================================
     """
 
@@ -111,6 +129,7 @@ class Onward(NamedTuple):
     direction: mi.Vector3f
     eta: mi.Float
     weight: mi.UnpolarizedSpectrum
+    sharpness: mi.Float
 
 
 @dataclasses.dataclass
@@ -123,7 +142,9 @@ class _Path:
     ``active``                    whether the path may go on
     ``count``                     surfaces at which it went on
     ``turns``, ``lobes``,         as in :class:`Visible`
-    ``throughput``
+    ``throughput``,
+    ``sharpness``
+    ``vergence``                  share in 1/depth of rough surfaces that it has met
     ``length``                    its length from the pinhole, in scene units
     ``ray``                       its last ray
     ``hit``                       where it is
@@ -136,6 +157,8 @@ class _Path:
     turns: mi.UInt32
     lobes: mi.UInt32
     throughput: mi.UnpolarizedSpectrum
+    sharpness: mi.Float
+    vergence: mi.Float
     length: mi.Float
     ray: mi.Ray3f
     hit: mi.SurfaceInteraction3f
@@ -162,10 +185,12 @@ def trace_visible(
       ``thindielectric``), and at a ``dielectric`` that does not refract;
     - reflected or refracted, where the BSDF does nothing but that, as a smooth ``conductor``, a
       ``dielectric``, and a ``thindielectric`` at a grazing angle. Of two such lobes it follows
-      the one with more light; where refraction is impossible, the total reflection.
+      the one with more light; where refraction is impossible, the total reflection. Rough
+      microfacets (``roughconductor``, ``roughdielectric``) count as smooth where they are not so
+      rough that nothing of the image is left.
 
-    Anything else ends the path, and so does the front of a lamp: what is glossy or diffuse has
-    the depth of its surface.
+    Anything else ends the path, and so does the front of a lamp: what is diffuse, or glossy with
+    something diffuse below, has the depth of its surface.
 
     The depth is the one, along the axis, to which a thin lens at the pinhole has to be focused
     for the path's end to be sharp:
@@ -177,7 +202,9 @@ def trace_visible(
       confusion is affine in it. A convex mirror or a ball of glass shows what is infinitely far
       at a finite depth, with an invalid hit;
     - ``inf`` for every image that is no nearer than infinity: its light reaches the lens
-      converging, to a point behind it.
+      converging, to a point behind it;
+    - by rough surfaces, a mean in 1/depth of that of the image and theirs. Light that they have
+      spread is still as far away as the image, but the farther it is spread the less that shows.
 
     Curvature is that of the shading normals a pixel or so around; bumps turn the path but do
     not count as curvature. Raises ``ValueError`` or ``TypeError`` for bad ``bounces``.
@@ -186,21 +213,26 @@ def trace_visible(
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
     if not has_specular(scene):
         return Visible.direct(_depth(origin, axis, hit), hit, ray)
-    start = _start(origin, ray, hit, axis)
+    alphas = rough_alphas(scene)
+    start = _start(ray, hit, axis, dr.norm(hit.p - origin), alphas)
     (end,) = dr.while_loop(
         (start,),
         lambda path: path.active & (path.count < bounces),
-        lambda path: (_step(scene, path),),
+        lambda path: (_step(scene, path, alphas, _depth(origin, axis, path.hit)),),
     )
     through_window = end.turns > 0
     transfer = end.neighbours.transfer(end.ray.d, end.hit.is_valid())
+    image = transfer.image_depth()
+    if alphas is not None:
+        image = dr.rcp(end.vergence + end.sharpness / image)
     return Visible(
-        depth=dr.select(through_window, transfer.image_depth(), _depth(origin, axis, end.hit)),
+        depth=dr.select(through_window, image, _depth(origin, axis, end.hit)),
         hit=end.hit,
         first=hit,
         through_window=through_window,
         last=end.ray,
         throughput=end.throughput,
+        sharpness=end.sharpness,
         turns=end.turns,
         lobes=end.lobes,
         spread=transfer.spread(),
@@ -208,16 +240,22 @@ def trace_visible(
 
 
 def _start(
-    origin: mi.Point3f, ray: mi.Ray3f, hit: mi.SurfaceInteraction3f, axis: mi.Vector3f
+    ray: mi.Ray3f,
+    hit: mi.SurfaceInteraction3f,
+    axis: mi.Vector3f,
+    distance: mi.Float,
+    alphas: mi.Float | None,
 ) -> _Path:
-    """The paths at what the primary rays meet first."""
-    length = dr.select(hit.is_valid(), dr.norm(hit.p - origin), 0)
+    """The paths at what the primary rays meet first, at a ``distance`` from the pinhole."""
+    length = dr.select(hit.is_valid(), distance, 0)
     return _Path(
-        active=may_go_on(hit),
+        active=may_go_on(hit, alphas),
         count=mi.UInt32(0),
         turns=mi.UInt32(0),
         lobes=mi.UInt32(0),
         throughput=mi.UnpolarizedSpectrum(1),
+        sharpness=mi.Float(1),
+        vergence=mi.Float(0),
         length=length,
         ray=mi.Ray3f(ray),
         hit=mi.SurfaceInteraction3f(hit),
@@ -225,10 +263,20 @@ def _start(
     )
 
 
-def _step(scene: mi.Scene, path: _Path) -> _Path:
-    """The paths at what they meet next."""
+def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, straight_depth: mi.Float) -> _Path:
+    """The paths at what they meet next.
+
+    ``straight_depth`` is the depth of where they are, if nothing has turned them.
+    """
     here = path.hit
-    onward = onward_from(here, path.active)
+    onward = onward_from(here, path.active, alphas)
+    sharpness, vergence = path.sharpness, path.vergence
+    if alphas is not None:
+        image = path.neighbours.transfer(path.ray.d, here.is_valid()).image_depth()
+        depth = dr.select(path.turns > 0, image, straight_depth)
+        kept = dr.select(onward.turns, onward.sharpness, 1)
+        vergence = vergence + sharpness * (1 - kept) / depth
+        sharpness = sharpness * kept
     goes = onward.straight | onward.turns
     neighbours = path.neighbours.turned(
         scene, here, path.ray.d, path.length, onward.direction, onward.eta, onward.turns
@@ -239,11 +287,13 @@ def _step(scene: mi.Scene, path: _Path) -> _Path:
     step = dr.select(goes & there.is_valid(), dr.norm(there.p - here.p), 0)
     bit = dr.select(onward.turns & onward.reflects, mi.UInt32(1) << path.turns, 0)
     return _Path(
-        active=goes & may_go_on(there),
+        active=goes & may_go_on(there, alphas),
         count=path.count + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
         turns=path.turns + dr.select(onward.turns, mi.UInt32(1), mi.UInt32(0)),
         lobes=path.lobes | bit,
         throughput=path.throughput * dr.select(goes, onward.weight, 1),
+        sharpness=sharpness,
+        vergence=vergence,
         length=path.length + step,
         ray=dr.select(goes, ray, path.ray),
         hit=dr.select(goes, there, here),
@@ -273,26 +323,36 @@ def _is_specular(flags: Any) -> Any:
     return ((flags & int(mi.BSDFFlags.Null)) != 0) | (delta & _only_specular(flags))
 
 
-def may_go_on(hit: mi.SurfaceInteraction3f) -> mi.Bool:
-    """Which paths may go on from ``hit``.
+def may_go_on(hit: mi.SurfaceInteraction3f, alphas: mi.Float | None = None) -> mi.Bool:
+    """Which paths may go on from ``hit``; by rough surfaces only with their ``alphas``.
 
     Only their BSDFs are sampled, so that others cost next to nothing.
     """
     lamp = hit.shape.is_emitter() & (mi.Frame3f.cos_theta(hit.wi) > 0)
-    return hit.is_valid() & ~lamp & _is_specular(hit.bsdf().flags())
+    window = _is_specular(hit.bsdf().flags())
+    if alphas is not None:
+        window |= alpha_at(hit, alphas, hit.is_valid()) > 0
+    return hit.is_valid() & ~lamp & window
 
 
 def onward_from(
-    hit: mi.SurfaceInteraction3f, active: mi.Bool, reflects: mi.Bool | None = None
+    hit: mi.SurfaceInteraction3f,
+    active: mi.Bool,
+    alphas: mi.Float | None = None,
+    reflects: mi.Bool | None = None,
 ) -> Onward:
-    """How paths go on from ``hit``.
+    """How paths go on from ``hit``; by rough surfaces only with their ``alphas``.
 
     What turns them does so by the lobe of more light, or by the one that ``reflects`` asks for.
     """
     bsdf, flags = hit.bsdf(), mi.BSDFFlags
+    reflection = int(flags.DeltaReflection) | int(flags.GlossyReflection)
+    transmission = int(flags.DeltaTransmission) | int(flags.GlossyTransmission)
     sample, weight = _sampled(hit, mi.BSDFContext(), active)
-    specular = active & _only_specular(bsdf.flags()) & (dr.max(weight) > 0)
-    unbent = mi.has_flag(sample.sampled_type, flags.DeltaTransmission) & (sample.eta == 1)
+    smooth = active & _only_specular(bsdf.flags())
+    alpha = mi.Float(0) if alphas is None else alpha_at(hit, alphas, active & ~smooth)
+    specular = (smooth | (alpha > 0)) & (dr.max(weight) > 0)
+    unbent = ((sample.sampled_type & transmission) != 0) & (sample.eta == 1)
     straight = specular & (mi.has_flag(sample.sampled_type, flags.Null) | unbent)
     passes = mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, active))
     null = active & (dr.mean(passes) >= 0.5)
@@ -300,26 +360,46 @@ def onward_from(
     turns = specular & ~straight
     if reflects is not None:
         reflected, refracted = (
-            _sampled(hit, _context(lobe), turns)
-            for lobe in (flags.DeltaReflection, flags.DeltaTransmission)
+            _sampled(hit, _context(lobe), turns) for lobe in (reflection, transmission)
         )
         sample = dr.select(reflects, reflected[0], refracted[0])
         weight = dr.select(reflects, reflected[1], refracted[1])
         turns &= (dr.max(weight) > 0) & ~mi.has_flag(sample.sampled_type, flags.Null)
-    return Onward(
+    onward = Onward(
         straight=straight,
         turns=turns,
-        reflects=mi.has_flag(sample.sampled_type, flags.DeltaReflection),
+        reflects=(sample.sampled_type & reflection) != 0,
         direction=hit.to_world(sample.wo),
         eta=sample.eta,
         weight=dr.select(null, passes, sample.pdf * weight),
+        sharpness=mi.Float(1),
+    )
+    return onward if alphas is None else _of_microfacets(onward, hit, alpha)
+
+
+def _of_microfacets(onward: Onward, hit: mi.SurfaceInteraction3f, alpha: mi.Float) -> Onward:
+    """``onward`` in the middle of the lobes of microfacets, where ``alpha`` > 0."""
+    rough = onward.turns & (alpha > 0)
+    d, eta = -hit.wi, dr.select(onward.reflects, 1, onward.eta)
+    cosine = dr.abs(d.z)
+    beyond = dr.sqrt(1 - (1 - cosine**2) / eta**2)
+    z = dr.select(onward.reflects, -d.z, dr.mulsign(beyond, d.z))
+    middle = mi.Vector3f(d.x / eta, d.y / eta, z)
+    # By as much the direction changes as the normal does, which changes by alpha.
+    lobe = alpha * dr.abs(z - d.z / eta)
+    sharpness = dr.square(dr.maximum(1 - dr.square(lobe / DULL), 0))
+    return onward._replace(
+        turns=onward.turns & (~rough | (dr.isfinite(z) & (sharpness > 0))),
+        direction=dr.select(rough, hit.to_world(middle), onward.direction),
+        weight=dr.select(rough, 0, onward.weight),
+        sharpness=dr.select(rough, sharpness, 1),
     )
 
 
-def _context(lobe: mi.BSDFFlags) -> mi.BSDFContext:
-    """The one in which a BSDF has no other ``lobe`` that turns a ray."""
+def _context(lobe: int) -> mi.BSDFContext:
+    """The one in which a BSDF has no lobe but ``lobe``, in flags, that turns a ray."""
     # Without Null a mask takes itself for all hole.
-    return mi.BSDFContext(mi.TransportMode.Radiance, int(lobe) | int(mi.BSDFFlags.Null))
+    return mi.BSDFContext(mi.TransportMode.Radiance, lobe | int(mi.BSDFFlags.Null))
 
 
 def _sampled(

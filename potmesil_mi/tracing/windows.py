@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from .clearance import ray_from
 from .shapes import registry_index
-from .virtual_depth import BOUNCES, Visible, may_go_on, onward_from
+from .virtual_depth import BOUNCES, Visible, may_go_on, onward_from, rough_alphas
 
 
 @dataclasses.dataclass
@@ -95,8 +95,8 @@ def meets_end(
 
     ``ray`` are N rays of unit direction from points of the lens towards images. Each is turned by
     as many surfaces as its ``chain``, and by the same lobes; what cannot reflect or refract as the
-    chain does, blocks it. It passes straight what primary rays do, wherever that is. ``bounces`` is
-    as in :func:`trace_visible`.
+    chain does, blocks it. Rough surfaces turn it as if they were smooth. It passes straight what
+    primary rays do, wherever that is. ``bounces`` is as in :func:`trace_visible`.
 
     Only in plane mirrors do the rays meet in a point. Elsewhere they miss it by the aberrations of
     the image: ``tolerance`` is how far a ray may pass the end, as a share of the chain's
@@ -105,9 +105,10 @@ def meets_end(
     the tolerance of the plane that touches it at the end. An end in the sky is met in its
     direction, within the tolerance in radians times ``spread``.
     """
+    alphas = rough_alphas(scene)
     hit = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
     start = _Walk(
-        active=may_go_on(hit) & active,
+        active=may_go_on(hit, alphas) & active,
         count=mi.UInt32(0),
         turns=mi.UInt32(0),
         length=dr.select(hit.is_valid(), hit.t, 0),
@@ -117,23 +118,23 @@ def meets_end(
     (end,) = dr.while_loop(
         (start,),
         lambda walk: walk.active & (walk.count < bounces),
-        lambda walk: (_step(scene, walk, chain),),
+        lambda walk: (_step(scene, walk, chain, alphas),),
     )
     return active & (end.turns == chain.turns) & _is_end(end, chain, tolerance * chain.spread)
 
 
-def _step(scene: mi.Scene, walk: _Walk, chain: Chain) -> _Walk:
+def _step(scene: mi.Scene, walk: _Walk, chain: Chain, alphas: mi.Float | None) -> _Walk:
     """The rays at what they meet next."""
     here = walk.hit
     reflects = ((chain.lobes >> walk.turns) & 1) == 1
-    onward = onward_from(here, walk.active, reflects)
+    onward = onward_from(here, walk.active, alphas, reflects)
     turns = onward.turns & (walk.turns < chain.turns)
     goes = onward.straight | turns
     direction = dr.select(turns, onward.direction, walk.ray.d)
     ray = ray_from(here, direction, walk.length)
     there = scene.ray_intersect(ray, goes)
     return _Walk(
-        active=goes & may_go_on(there),
+        active=goes & may_go_on(there, alphas),
         count=walk.count + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
         turns=walk.turns + dr.select(turns, mi.UInt32(1), mi.UInt32(0)),
         length=walk.length + dr.select(goes & there.is_valid(), there.t, 0),

@@ -1,0 +1,112 @@
+"""What rough mirrors and rough glass show: an image, as long as its light is not spread too far."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from specular import GLASS, MIRROR, WALL, N, ball, cube, fan, loaded, looked_at, plane, visible_in
+
+from potmesil_mi.tracing.virtual_depth import DULL, has_specular
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+IMAGE = 5e-4
+
+
+def rough_mirror(alpha):
+    return {"type": "roughconductor", "alpha": alpha, "distribution": "ggx"}
+
+
+def rough_glass(alpha):
+    return {**GLASS, "type": "roughdielectric", "alpha": alpha, "distribution": "ggx"}
+
+
+def left_of_image(lobe):
+    """Its weight, for a lobe in radians."""
+    return max(1 - (lobe / DULL) ** 2, 0) ** 2
+
+
+def mean_depth(weight, image, surface):
+    return 1 / (weight / image + (1 - weight) / surface)
+
+
+@pytest.mark.parametrize(
+    ("smooth", "rough"), [(MIRROR, rough_mirror(1e-4)), (GLASS, rough_glass(1e-4))]
+)
+def test_what_is_hardly_rough_is_smooth(smooth, rough):
+    shapes = {"behind": plane(7), "before": plane(-2)}
+    expected, names, _ = looked_at(fan(), shown=ball(4, 1, smooth), **shapes)
+    depth, also, _ = looked_at(fan(), shown=ball(4, 1, rough), **shapes)
+    assert names.tolist() == also.tolist()
+    np.testing.assert_allclose(depth, expected, rtol=IMAGE)
+
+
+def test_a_mirror_goes_from_its_image_to_itself_as_it_gets_rough():
+    for alpha in (0.02, 0.1, 0.19, 0.2, 0.5):
+        depth, _, turned = looked_at(mirror=plane(3, bsdf=rough_mirror(alpha)), wall=plane(-2))
+        expected = mean_depth(left_of_image(2 * alpha), 8, 3)
+        np.testing.assert_allclose(depth, expected, rtol=IMAGE)
+        assert turned.all() == (alpha < 0.2)
+
+
+def test_both_faces_of_rough_glass_take_from_the_image():
+    alpha = 0.3
+    depth, _, _ = looked_at(slab=cube(3, 1, rough_glass(alpha)), wall=plane(7))
+    near, far = (left_of_image(alpha * lobe) for lobe in (1 - 1 / N, N - 1))
+    behind = mean_depth(far, 5 + 2 / N, 2 + 2 / N)
+    np.testing.assert_allclose(depth, mean_depth(near, behind, 2), rtol=IMAGE)
+
+
+def test_total_reflection_in_rough_glass():
+    shapes = {
+        "front": plane(3, size=1, bsdf=rough_glass(1e-3)),
+        "across": plane(4, turn=45, facing=1, size=1.4, bsdf=rough_glass(1e-3)),
+        "wall": plane(4, turn=90, x=-3),
+    }
+    _, visible = visible_in(loaded(**shapes))
+    np.testing.assert_allclose(visible.depth, 3 + 4 / N, rtol=IMAGE)
+    assert np.array(visible.lobes).tolist() == [0b10]
+
+
+def test_a_rough_mirror_in_a_mirror_has_the_depth_of_its_image():
+    shapes = {"mirror": plane(3, bsdf=MIRROR), "wall": plane(9)}
+    depth, _, _ = looked_at(rough=plane(-2, facing=1, bsdf=rough_mirror(0.5)), **shapes)
+    np.testing.assert_allclose(depth, 8, rtol=IMAGE)
+    shapes["wall"] = plane(2.5, size=0.01, x=0.5)
+    depth, _, _ = looked_at(rough=plane(-2, facing=1, bsdf=rough_mirror(0.1)), bounces=2, **shapes)
+    weight = left_of_image(0.2)
+    np.testing.assert_allclose(depth, mean_depth(weight, 8 + 5, 8), rtol=IMAGE)
+
+
+def test_no_single_ray_has_the_light_of_a_rough_mirror():
+    _, visible = visible_in(loaded(mirror=plane(3, bsdf=rough_mirror(0.1)), wall=plane(-2)))
+    assert not np.array(visible.throughput).any()
+    np.testing.assert_allclose(visible.sharpness, left_of_image(0.2), rtol=IMAGE)
+
+
+def test_roughness_is_found_wherever_it_is():
+    def image_depth(bsdf):
+        return looked_at(mirror=plane(3, bsdf=bsdf), wall=plane(-2))[0]
+
+    texture = mi.Bitmap(np.tile(np.array([0.05, 0.15], "f")[None, :, None], (2, 1, 1)))
+    texture = {"type": "bitmap", "raw": True, "bitmap": texture}
+    expected = image_depth(rough_mirror(0.1))
+    for bsdf in (
+        {"type": "twosided", "bsdf": rough_mirror(0.1)},
+        {"type": "mask", "opacity": 0.9, "bsdf": rough_mirror(0.1)},
+        {"type": "roughconductor", "alpha_u": 0.05, "alpha_v": 0.15},
+        rough_mirror(texture),
+    ):
+        np.testing.assert_allclose(image_depth(bsdf), expected, rtol=1e-5)
+
+
+def test_roughness_is_found_in_instances():
+    group = {"type": "shapegroup", "shape": ball(0, 1, rough_mirror(1e-3))}
+    place = mi.ScalarTransform4f().translate([0, 0, 4])
+    instance = {"type": "instance", "to_world": place, "group": {"type": "ref", "id": "group"}}
+    depth, _, _ = looked_at(group=group, instance=instance, sky={"type": "constant"})
+    np.testing.assert_allclose(depth, 3 + 1 / 2, rtol=IMAGE)
+
+
+@pytest.mark.parametrize("bsdf", [WALL, {"type": "roughplastic"}, {"type": "principled"}])
+def test_what_is_dull_below_shows_no_image(bsdf):
+    assert not has_specular(loaded(shown=plane(3, bsdf=bsdf)))
