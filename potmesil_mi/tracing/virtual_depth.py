@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from .._validation import require_whole
 from .clearance import ray_from
-from .differentials import Differentials
+from .differentials import Differentials, RayTransfer
 from .shapes import alpha_at, bsdf_alphas, bsdf_flags
 
 BOUNCES = 16
@@ -39,8 +39,8 @@ def has_specular(scene: mi.Scene) -> bool:
     return bool(_is_specular(bsdf_flags(scene)).any()) or bsdf_alphas(scene) is not None
 
 
-def rough_alphas(scene: mi.Scene) -> mi.Float | None:
-    """The table of rough surfaces that :func:`onward_from` needs; ``None`` without any."""
+def _alphas(scene: mi.Scene) -> mi.Float | None:
+    """The table of :func:`bsdf_alphas`."""
     alphas = bsdf_alphas(scene)
     return None if alphas is None else mi.Float(alphas)
 
@@ -53,19 +53,19 @@ class Visible(NamedTuple):
     ============================  ==========================================================
     ``depth``                     depth in scene units along the axis, > 0
     ``hit``                       the surface that is seen, invalid where there is none
+    ``is_rough``                  whether ``hit`` shows an image, whose depth is in ``depth``, but
+                                  is so rough that no single ray tells where: the chain ends there
     ``first``                     what the ray meets first, a mirror or a pane perhaps
-    ``through_window``            whether the chain turned the ray: what is seen is an image, by
-                                  reflection or refraction, and ``depth`` is that of the image
+    ``through_window``            whether what is seen is an image, by reflection or refraction,
+                                  and ``depth`` is that of the image: the chain has turned the ray,
+                                  or ends at something rough that does
     ``last``                      the last ray of the chain, which meets ``hit``. It begins just
                                   behind the last mirror or pane; without any it is the primary
                                   ray
     ``throughput``                this times the radiance that comes along ``last`` is the light
                                   of the chain along the primary ray. It is the product of the
                                   shares of light of the lobes that were followed; in refracting
-                                  surfaces these include the change of radiance by eta². It is 0
-                                  where one is rough: no single ray brings the light
-    ``sharpness``                 weight of the image in 1/``depth``, from 1 down to 0 as rough
-                                  surfaces of the chain take it away
+                                  surfaces these include the change of radiance by eta²
     ``turns``                     how many surfaces of the chain turned the ray. What lets it
                                   pass straight does not count
     ``lobes``                     bit i is set where the i-th of these, from 0, has reflected
@@ -79,11 +79,11 @@ class Visible(NamedTuple):
 
     depth: mi.Float
     hit: mi.SurfaceInteraction3f
+    is_rough: mi.Bool
     first: mi.SurfaceInteraction3f
     through_window: mi.Bool
     last: mi.Ray3f
     throughput: mi.UnpolarizedSpectrum
-    sharpness: mi.Float
     turns: mi.UInt32
     lobes: mi.UInt32
     spread: mi.Float
@@ -94,11 +94,11 @@ class Visible(NamedTuple):
         return cls(
             depth=depth,
             hit=mi.SurfaceInteraction3f(hit),
+            is_rough=mi.Bool(False),
             first=hit,
             through_window=mi.Bool(False),
             last=ray,
             throughput=mi.UnpolarizedSpectrum(1),
-            sharpness=mi.Float(1),
             turns=mi.UInt32(0),
             lobes=mi.UInt32(0),
             spread=dr.select(hit.is_valid(), depth, 1),
@@ -117,7 +117,7 @@ class Onward(NamedTuple):
     ``direction``                 unit direction in which it is reflected or refracted
     ``eta``                       index of refraction beyond the surface over that before it; 1
                                   where the ray is reflected
-    ``weight``                    radiance before the surface over that beyond it, 0 where it is
+    ``weight``                    radiance before the surface over that beyond it, unless it is
                                   rough
     ``sharpness``                 weight of what is seen beyond in 1/depth; 1 unless it is rough
     ============================  ==========================================================
@@ -142,8 +142,9 @@ class _Path:
     ``active``                    whether the path may go on
     ``count``                     surfaces at which it went on
     ``turns``, ``lobes``,         as in :class:`Visible`
-    ``throughput``,
-    ``sharpness``
+    ``throughput``
+    ``sharpness``                 weight in 1/depth of what it will show, from 1 down to 0 as rough
+                                  surfaces take the image away
     ``vergence``                  share in 1/depth of rough surfaces that it has met
     ``length``                    its length from the pinhole, in scene units
     ``ray``                       its last ray
@@ -163,6 +164,10 @@ class _Path:
     ray: mi.Ray3f
     hit: mi.SurfaceInteraction3f
     neighbours: Differentials
+
+    def transfer(self) -> RayTransfer:
+        """How the path's end moves as the ray leaves the lens elsewhere or is aimed apart."""
+        return self.neighbours.transfer(self.ray.d, self.hit.is_valid())
 
 
 def trace_visible(
@@ -185,12 +190,12 @@ def trace_visible(
       ``thindielectric``), and at a ``dielectric`` that does not refract;
     - reflected or refracted, where the BSDF does nothing but that, as a smooth ``conductor``, a
       ``dielectric``, and a ``thindielectric`` at a grazing angle. Of two such lobes it follows
-      the one with more light; where refraction is impossible, the total reflection. Rough
-      microfacets (``roughconductor``, ``roughdielectric``) count as smooth where they are not so
-      rough that nothing of the image is left.
+      the one with more light; where refraction is impossible, the total reflection.
 
-    Anything else ends the path, and so does the front of a lamp: what is diffuse, or glossy with
-    something diffuse below, has the depth of its surface.
+    Anything else ends the path, and so does the front of a lamp. What is diffuse, or glossy with
+    something diffuse below, has the depth of its surface. From rough microfacets
+    (``roughconductor``, ``roughdielectric``) the path is followed on as if they were smooth, only
+    for the depth.
 
     The depth is the one, along the axis, to which a thin lens at the pinhole has to be focused
     for the path's end to be sharp:
@@ -203,7 +208,7 @@ def trace_visible(
       at a finite depth, with an invalid hit;
     - ``inf`` for every image that is no nearer than infinity: its light reaches the lens
       converging, to a point behind it;
-    - by rough surfaces, a mean in 1/depth of that of the image and theirs. Light that they have
+    - at rough surfaces, a mean in 1/depth of that of the image and theirs. Light that they have
       spread is still as far away as the image, but the farther it is spread the less that shows.
 
     Curvature is that of the shading normals a pixel or so around; bumps turn the path but do
@@ -213,29 +218,39 @@ def trace_visible(
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
     if not has_specular(scene):
         return Visible.direct(_depth(origin, axis, hit), hit, ray)
-    alphas = rough_alphas(scene)
-    start = _start(ray, hit, axis, dr.norm(hit.p - origin), alphas)
-    (end,) = dr.while_loop(
-        (start,),
-        lambda path: path.active & (path.count < bounces),
-        lambda path: (_step(scene, path, alphas, _depth(origin, axis, path.hit)),),
-    )
-    through_window = end.turns > 0
-    transfer = end.neighbours.transfer(end.ray.d, end.hit.is_valid())
-    image = transfer.image_depth()
+
+    def followed(path: _Path, alphas: mi.Float | None) -> _Path:
+        (end,) = dr.while_loop(
+            (path,),
+            lambda path: path.active & (path.count < bounces),
+            lambda path: (_step(scene, path, alphas, depth_of(path)),),
+        )
+        return end
+
+    def depth_of(path: _Path) -> mi.Float:
+        image = path.transfer().image_depth()
+        return dr.select(path.turns > 0, image, _depth(origin, axis, path.hit))
+
+    end = followed(_start(ray, hit, axis, dr.norm(hit.p - origin)), None)
+    depth, is_rough = depth_of(end), mi.Bool(False)
+    alphas = _alphas(scene)
     if alphas is not None:
-        image = dr.rcp(end.vergence + end.sharpness / image)
+        beyond = dataclasses.replace(end, active=may_go_on(end.hit, alphas))
+        beyond = followed(beyond, alphas)
+        is_rough = beyond.turns > end.turns
+        image = dr.rcp(beyond.vergence + beyond.sharpness / depth_of(beyond))
+        depth = dr.select(is_rough, image, depth)
     return Visible(
-        depth=dr.select(through_window, image, _depth(origin, axis, end.hit)),
+        depth=depth,
         hit=end.hit,
+        is_rough=is_rough,
         first=hit,
-        through_window=through_window,
+        through_window=(end.turns > 0) | is_rough,
         last=end.ray,
         throughput=end.throughput,
-        sharpness=end.sharpness,
         turns=end.turns,
         lobes=end.lobes,
-        spread=transfer.spread(),
+        spread=end.transfer().spread(),
     )
 
 
@@ -244,12 +259,11 @@ def _start(
     hit: mi.SurfaceInteraction3f,
     axis: mi.Vector3f,
     distance: mi.Float,
-    alphas: mi.Float | None,
 ) -> _Path:
     """The paths at what the primary rays meet first, at a ``distance`` from the pinhole."""
     length = dr.select(hit.is_valid(), distance, 0)
     return _Path(
-        active=may_go_on(hit, alphas),
+        active=may_go_on(hit),
         count=mi.UInt32(0),
         turns=mi.UInt32(0),
         lobes=mi.UInt32(0),
@@ -263,17 +277,12 @@ def _start(
     )
 
 
-def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, straight_depth: mi.Float) -> _Path:
-    """The paths at what they meet next.
-
-    ``straight_depth`` is the depth of where they are, if nothing has turned them.
-    """
+def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, depth: mi.Float) -> _Path:
+    """The paths at what they meet next; ``depth`` is that of what they show where they are."""
     here = path.hit
     onward = onward_from(here, path.active, alphas)
     sharpness, vergence = path.sharpness, path.vergence
     if alphas is not None:
-        image = path.neighbours.transfer(path.ray.d, here.is_valid()).image_depth()
-        depth = dr.select(path.turns > 0, image, straight_depth)
         kept = dr.select(onward.turns, onward.sharpness, 1)
         vergence = vergence + sharpness * (1 - kept) / depth
         sharpness = sharpness * kept
@@ -391,7 +400,6 @@ def _of_microfacets(onward: Onward, hit: mi.SurfaceInteraction3f, alpha: mi.Floa
     return onward._replace(
         turns=onward.turns & (~rough | (dr.isfinite(z) & (sharpness > 0))),
         direction=dr.select(rough, hit.to_world(middle), onward.direction),
-        weight=dr.select(rough, 0, onward.weight),
         sharpness=dr.select(rough, sharpness, 1),
     )
 

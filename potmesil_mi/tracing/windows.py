@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from .clearance import ray_from
 from .shapes import registry_index
-from .virtual_depth import BOUNCES, Visible, may_go_on, onward_from, rough_alphas
+from .virtual_depth import BOUNCES, Visible, may_go_on, onward_from
 
 
 @dataclasses.dataclass
@@ -24,7 +24,7 @@ class Chain:
     Field                         Meaning
     ============================  ==========================================================
     ``turns``, ``lobes``,         as in :class:`Visible`
-    ``spread``
+    ``spread``, ``is_rough``
     ``met``                       whether it ends at a surface; else in the sky
     ``point``                     where that is
     ``normal``                    the surface's unit normal
@@ -36,6 +36,7 @@ class Chain:
     turns: mi.UInt32
     lobes: mi.UInt32
     spread: mi.Float
+    is_rough: mi.Bool
     met: mi.Bool
     point: mi.Point3f
     normal: mi.Normal3f
@@ -50,6 +51,7 @@ class Chain:
             turns=visible.turns,
             lobes=visible.lobes,
             spread=visible.spread,
+            is_rough=visible.is_rough,
             met=hit.is_valid(),
             point=hit.p,
             normal=hit.n,
@@ -95,20 +97,20 @@ def meets_end(
 
     ``ray`` are N rays of unit direction from points of the lens towards images. Each is turned by
     as many surfaces as its ``chain``, and by the same lobes; what cannot reflect or refract as the
-    chain does, blocks it. Rough surfaces turn it as if they were smooth. It passes straight what
-    primary rays do, wherever that is. ``bounces`` is as in :func:`trace_visible`.
+    chain does, blocks it. It passes straight what primary rays do, wherever that is. ``bounces`` is
+    as in :func:`trace_visible`.
 
     Only in plane mirrors do the rays meet in a point. Elsewhere they miss it by the aberrations of
     the image: ``tolerance`` is how far a ray may pass the end, as a share of the chain's
     ``spread``, which without windows is the depth. A pixel is as large as 1 over the focal length
     in pixels. Nothing may be before the end, but for the surface itself: the same shape, within
     the tolerance of the plane that touches it at the end. An end in the sky is met in its
-    direction, within the tolerance in radians times ``spread``.
+    direction, within the tolerance in radians times ``spread``. What is rough shows its image all
+    over: any point of the shape is the end.
     """
-    alphas = rough_alphas(scene)
     hit = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
     start = _Walk(
-        active=may_go_on(hit, alphas) & active,
+        active=may_go_on(hit) & active,
         count=mi.UInt32(0),
         turns=mi.UInt32(0),
         length=dr.select(hit.is_valid(), hit.t, 0),
@@ -118,23 +120,23 @@ def meets_end(
     (end,) = dr.while_loop(
         (start,),
         lambda walk: walk.active & (walk.count < bounces),
-        lambda walk: (_step(scene, walk, chain, alphas),),
+        lambda walk: (_step(scene, walk, chain),),
     )
     return active & (end.turns == chain.turns) & _is_end(end, chain, tolerance * chain.spread)
 
 
-def _step(scene: mi.Scene, walk: _Walk, chain: Chain, alphas: mi.Float | None) -> _Walk:
+def _step(scene: mi.Scene, walk: _Walk, chain: Chain) -> _Walk:
     """The rays at what they meet next."""
     here = walk.hit
     reflects = ((chain.lobes >> walk.turns) & 1) == 1
-    onward = onward_from(here, walk.active, alphas, reflects)
+    onward = onward_from(here, walk.active, reflects=reflects)
     turns = onward.turns & (walk.turns < chain.turns)
     goes = onward.straight | turns
     direction = dr.select(turns, onward.direction, walk.ray.d)
     ray = ray_from(here, direction, walk.length)
     there = scene.ray_intersect(ray, goes)
     return _Walk(
-        active=goes & may_go_on(there, alphas),
+        active=goes & may_go_on(there),
         count=walk.count + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
         turns=walk.turns + dr.select(turns, mi.UInt32(1), mi.UInt32(0)),
         length=walk.length + dr.select(goes & there.is_valid(), there.t, 0),
@@ -151,5 +153,5 @@ def _is_end(walk: _Walk, chain: Chain, allowed: mi.Float) -> mi.Bool:
     near = (dr.norm(chain.point - ray(ahead)) <= allowed) & (ahead >= -allowed)
     free = ~hit.is_valid() | (hit.t >= ahead - allowed)
     same = hit.is_valid() & (registry_index(hit) == chain.shape)
-    same &= dr.abs(dr.dot(hit.p - chain.point, chain.normal)) <= allowed
-    return dr.select(chain.met, near & (free | same), in_sky)
+    level = same & (dr.abs(dr.dot(hit.p - chain.point, chain.normal)) <= allowed)
+    return dr.select(chain.met, near & (free | level), in_sky) | (chain.is_rough & same)
