@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
-from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns
+from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns, points_that_see
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .fragments import (
@@ -135,8 +135,8 @@ def _gathered_known(
     """
     assert samples.visibility is not None
     raster = samples.window.subdivided(subpixels)
-    seen_by = np.bitwise_count(samples.visibility)
-    weight = samples.weight * (seen_by / np.float32(VISIBILITY_POINTS))
+    seen_by = points_that_see(samples.visibility)
+    weight = samples.weight * (seen_by / VISIBILITY_POINTS)
     partly = seen_by < VISIBILITY_POINTS
     some = samples.replace(layer=partly.astype(np.uint8), weight=weight)
     located = functools.partial(_located, some, subpixels, raster)

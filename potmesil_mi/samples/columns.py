@@ -165,6 +165,12 @@ def require_visibility_radius(radius: Any, known: bool) -> None:
         raise ValueError(f"visibility_radius={radius}: must be two numbers > 0, in scene units")
 
 
+def points_that_see(visibility: np.ndarray) -> np.ndarray:
+    """How many bits of each of uint64 (N,) are set, int64 (N,)."""
+    by_byte = np.unpackbits(visibility.view(np.uint8).reshape(-1, 8), axis=1)
+    return by_byte.sum(axis=1, dtype=np.int64)
+
+
 def is_optional(field: dataclasses.Field[Any]) -> bool:
     """Whether samples may do without the column; then it is ``None`` and stands for zeros."""
     return bool(field.metadata.get("optional", False))

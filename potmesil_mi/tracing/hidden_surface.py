@@ -99,9 +99,9 @@ def _sampled(
     """The stage itself: a window, the samples that the pinhole sees in it, and hidden ones."""
     sampling = sampling or Sampling()
     ids, surfaces = surface_ids(scene)
-    follows_mirrors = sampling.virtual_depth and has_specular(scene)
+    follows_windows = sampling.virtual_depth and has_specular(scene)
     crop = _crop_window(sensor.film())
-    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_mirrors)
+    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):
@@ -142,7 +142,7 @@ def _with_hidden(
     buffer = visible.buffer
     first, start = buffer.columns(), np.zeros(len(buffer.columns()), np.float32)
     lens = LensRays.of(rays, widest, float(first.z.min()))
-    windows = rays.follows_mirrors and not lens.telecentric and min(lens.radius) > 0
+    windows = rays.follows_windows and not lens.telecentric and min(lens.radius) > 0
     seen = seen_through(first.x, first.y, start, rays, lens) if windows else None
     if layers > 1:
         chosen = _may_hide(rays, first, seen, window, widest)

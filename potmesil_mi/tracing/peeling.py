@@ -227,7 +227,7 @@ def primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) ->
 def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple[mi.Bool, mi.Float]:
     """Which rays go on behind what they show first, at the depths ``z``, and from where on."""
     ray = primary(position, 0.0, rays)
-    if rays.follows_mirrors:  # The depth may be that of an image.
+    if rays.follows_windows:  # The depth may be that of an image.
         return _passed(ray, mi.Float(0), rays.visible(ray))
     distance = rays.distance(ray, z)
     return dr.isfinite(z), distance + clearance(ray(distance), distance)

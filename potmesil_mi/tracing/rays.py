@@ -15,7 +15,7 @@ from .clearance import ray_from
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
-from .virtual_depth import Visible, passes_straight, trace_visible
+from .virtual_depth import Visible, may_pass_straight, passes_straight, trace_visible
 
 UNITS = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """The axes of a camera as Mitsuba has them."""
@@ -36,7 +36,7 @@ class PrimaryRays:
     ``crop``                      the crop window of the sensor's film
     ``surfaces``                  ids of surfaces by index in Dr.Jit's registry; see
                                   :func:`potmesil_mi.tracing.shapes.surface_ids`
-    ``follows_mirrors``           whether depth is that of images in mirrors and glass
+    ``follows_windows``           whether depth is that of images in mirrors and glass
     ============================  ==========================================================
     """
 
@@ -46,7 +46,7 @@ class PrimaryRays:
     passes: Passes
     crop: Window
     surfaces: mi.UInt32
-    follows_mirrors: bool
+    follows_windows: bool
 
     def trace(self, position: mi.Point2f) -> Traced:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
@@ -85,7 +85,7 @@ class PrimaryRays:
         The ray may begin behind what is nearer.
         """
         hit = self._first_hit(ray)
-        if not self.follows_mirrors:
+        if not self.follows_windows:
             return Visible.direct(self.depth(hit), hit, ray)
         to_world = self.sensor.world_transform()
         axis = to_world @ mi.Vector3f(0, 0, 1)
@@ -153,10 +153,10 @@ class PrimaryRays:
         """Whether the rays are parallel: the camera is orthographic."""
         return is_orthographic(self.sensor)
 
-    @property
+    @functools.cached_property
     def all_block(self) -> bool:
         """Whether every surface blocks what is behind it."""
-        return not (self.follows_mirrors or self.hides_lamps)
+        return not (self.hides_lamps or (self.follows_windows and may_pass_straight(self.scene)))
 
     @functools.cached_property
     def hides_lamps(self) -> bool:
@@ -168,7 +168,7 @@ class PrimaryRays:
     def lets_through(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Where one sees through what was hit: panes, holes of masks, lamps that are not shown."""
         passes = self._is_left_out(hit)
-        if self.follows_mirrors:
+        if self.follows_windows:
             passes |= passes_straight(hit, active & ~passes)
         return active & passes
 

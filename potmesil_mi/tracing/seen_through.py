@@ -8,6 +8,7 @@ pinhole's was, ends where that did. That cannot be inferred from other samples, 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import drjit as dr
@@ -17,10 +18,10 @@ import numpy as np
 from .._backend import from_numpy
 from .._progress import track
 from ..optics.disc import lens_points
-from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns
+from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns, points_that_see
 from ..samples.raster import Window
 from .buffers import Shown, to_host
-from .lens_rays import LensRays
+from .lens_rays import TURN, LensRays
 from .passes import wavefronts
 from .patterns import sampler_cells
 from .peeling import primary
@@ -35,11 +36,16 @@ TOLERANCE = 4.0
 """How far rays of the lens may miss what they are aimed at, in pixels: only plane mirrors show all
 of the lens the same image."""
 
-FEW_POINTS = 8
-"""What so many of the outermost points of the lens see is seen by all."""
+FEW_POINTS = 16
+"""So many of the points are tried first, others for each sample in turn. What they see in a cell of
+the film is seen by all."""
 
-FINDERS = 16
-"""Points of the lens from which what the pinhole does not see is looked for."""
+CELL = 2
+"""Pixels on a side of such a cell."""
+
+FINDERS = 2
+"""Rays by which what the pinhole does not see is looked for, for each of its samples. Most find
+nothing new, and are not shaded."""
 
 ALL = 2**VISIBILITY_POINTS - 1
 """``visibility`` of what all points of the lens see."""
@@ -78,7 +84,9 @@ def seen_through(
             continue
         there = np.array(index).astype(np.int64) + part.start
         through[there] = np.array(dr.gather(mi.Float, depth, index))
-        visibility[there] = _visibility(dr.gather(_Image, image, index), lens)
+        column, row = (np.floor((at[there] - at.min()) / CELL).astype(np.int64) for at in (x, y))
+        cell = row * (column.max() + 1) + column
+        visibility[there] = _visibility(dr.gather(_Image, image, index), cell, lens)
     return SeenThrough(through, visibility)
 
 
@@ -87,38 +95,35 @@ def seen_elsewhere(
 ) -> list[Columns]:
     """What the lens sees in windows and the pinhole does not: samples of layer ``ELSEWHERE``.
 
-    Rays of some points of the lens show it. Its place is where the pinhole would see the image.
+    Rays of the points of the lens show it. Its place is where the pinhole would see the image.
     What several of the points see is found from each of them, so that a sample there stands for
     less. ``columns`` are the samples that there are.
     """
     assert columns.through is not None
     images = columns.through > 0
     vergence = float(np.average(1 / columns.z[images], weights=columns.weight[images]))
-    spp = rays.passes.spp
-    finder = _Finder(rays, lens, window, vergence, min(FINDERS, spp))
+    each = FINDERS * rays.passes.spp
+    finder = _Finder(rays, lens, window, vergence)
     parts = sampler_cells(rays.crop, window)
-    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), spp)]
+    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), each)]
     found = []
     for cells in track(passes, LABEL):
-        rays.passes.begin(len(cells) * spp)
-        position, _ = cells.positions(rays.passes.sampler.next_2d(), spp)
-        found.append(finder.found(position, np.repeat(cells.area / spp, spp)))
+        rays.passes.begin(len(cells) * each)
+        position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
+        found.append(finder.found(position, np.repeat(cells.area / each, each)))
     return [part for part in found if part is not None]
 
 
 class _Finder:
-    """Finds in windows what some ``points`` of the lens see and the pinhole does not.
+    """Finds in windows what points of the lens see and the pinhole does not.
 
     Their rays go to where those of the pinhole are at a ``vergence``, so that most of what they
     find is seen near there.
     """
 
-    def __init__(
-        self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float, points: int
-    ) -> None:
+    def __init__(self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float) -> None:
         self.rays, self.lens, self.window = rays, lens, window
-        self.vergence, self.points = dr.opaque(mi.Float, vergence), points
-        self.step = VISIBILITY_POINTS // points
+        self.vergence = dr.opaque(mi.Float, vergence)
         self.u, self.v = (from_numpy(mi.Float, column) for column in _points(lens).T)
 
     def found(self, position: mi.Point2f, area: np.ndarray) -> Columns | None:
@@ -126,7 +131,9 @@ class _Finder:
 
         ``area``, (N,), is what of the film each of them stands for, in pixels.
         """
-        point = dr.arange(mi.UInt32, dr.width(position)) % self.points * self.step
+        # Each has its turn, in an order without a pattern.
+        turn = dr.arange(mi.UInt32, dr.width(position)) * mi.UInt32(TURN)
+        point = turn >> mi.UInt32(32 - int(math.log2(VISIBILITY_POINTS)))
         ray, _ = self._ray(position, point)
         visible = self.rays.visible(mi.Ray3f(ray))
         image = _Image.of(ray, visible, self.rays)
@@ -141,11 +148,10 @@ class _Finder:
         index = dr.compress(new)
         if dr.width(index) == 0:
             return None
-        visibility = np.array(_bits(dr.gather(_Image, image, index), self.lens, 0))
+        visibility = np.array(_bits(dr.gather(_Image, image, index), self.lens, VISIBILITY_POINTS))
         own = np.array(dr.gather(mi.UInt32, point, index)).astype(np.uint64)
         sees = (visibility >> own & np.uint64(1)) > 0
-        finders = np.uint64(sum(1 << k * self.step for k in range(self.points)))
-        share = self.points / np.maximum(np.bitwise_count(visibility & finders), 1)
+        share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
         shown = self._shown(
             dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
         )
@@ -243,33 +249,49 @@ class _Image:
         return meets_end(lens.rays.scene, ray, self.chain, self.tolerance, active)
 
 
-def _visibility(image: _Image, lens: LensRays) -> np.ndarray:
-    """Which points of the lens see each image, uint64 (N,)."""
-    few = np.array(_bits(image, lens, VISIBILITY_POINTS - FEW_POINTS))
-    outermost = np.uint64(
-        ALL >> (VISIBILITY_POINTS - FEW_POINTS) << (VISIBILITY_POINTS - FEW_POINTS)
-    )
-    found = np.where(few == outermost, np.uint64(ALL), few)
-    partly = np.flatnonzero(few != outermost)
-    if len(partly) > 0:
-        for part in wavefronts(len(partly), VISIBILITY_POINTS):
-            index = from_numpy(mi.UInt32, partly[part])
-            found[partly[part]] = np.array(_bits(dr.gather(_Image, image, index), lens, 0))
+def _visibility(image: _Image, cell: np.ndarray, lens: LensRays) -> np.ndarray:
+    """Which points of the lens see each image, uint64 (N,).
+
+    ``cell``, (N,), is the number of the cell of the film in which each is.
+    """
+    few = _bits(image, lens, FEW_POINTS)
+    unseen = np.array(few != _tried(dr.arange(mi.UInt32, len(cell))))
+    _, cell = np.unique(cell, return_inverse=True)
+    is_partly = np.bincount(cell, unseen) > 0
+    found, partly = np.full(len(cell), ALL, np.uint64), np.flatnonzero(is_partly[cell])
+    for part in wavefronts(len(partly), VISIBILITY_POINTS):
+        index = from_numpy(mi.UInt32, partly[part])
+        there = dr.gather(_Image, image, index)
+        found[partly[part]] = np.array(_bits(there, lens, VISIBILITY_POINTS))
     return found
 
 
-def _bits(image: _Image, lens: LensRays, first: int) -> mi.UInt64:
-    """Which points of the lens from ``first`` on see each image."""
-    u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+def _tried(number: mi.UInt32) -> mi.UInt64:
+    """The bits of the ``FEW_POINTS`` that are tried first for samples of a ``number``."""
+    stride = VISIBILITY_POINTS // FEW_POINTS
+    first = sum(1 << k for k in range(0, VISIBILITY_POINTS, stride))
+    return mi.UInt64(first) << mi.UInt64(number % stride)
 
-    def look(point: mi.UInt32, found: mi.UInt64) -> tuple[mi.UInt32, mi.UInt64]:
+
+def _bits(image: _Image, lens: LensRays, count: int) -> mi.UInt64:
+    """Which points of the lens, ``count`` of them all over it, see each image.
+
+    From one image to the next they are others.
+    """
+    u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+    stride, lanes = VISIBILITY_POINTS // count, dr.width(image)
+    first = dr.arange(mi.UInt32, lanes) % stride
+
+    def look(step: mi.UInt32, found: mi.UInt64) -> tuple[mi.UInt32, mi.UInt64]:
+        point = step * stride + first
         at = dr.gather(mi.Float, u, point), dr.gather(mi.Float, v, point)
         sees = image.seen_from(*at, lens, mi.Bool(True))
-        return point + 1, found | dr.select(sees, mi.UInt64(1) << mi.UInt64(point), mi.UInt64(0))
+        bit = mi.UInt64(1) << mi.UInt64(point)
+        return step + 1, found | dr.select(sees, bit, mi.UInt64(0))
 
-    end, lanes = dr.opaque(mi.UInt32, VISIBILITY_POINTS), dr.width(image)
-    state = dr.full(mi.UInt32, first, lanes), dr.zeros(mi.UInt64, lanes)
-    return dr.while_loop(state, lambda point, _: point < end, look)[1]
+    end = dr.opaque(mi.UInt32, count)
+    state = dr.zeros(mi.UInt32, lanes), dr.zeros(mi.UInt64, lanes)
+    return dr.while_loop(state, lambda step, _: step < end, look)[1]
 
 
 def _points(lens: LensRays) -> np.ndarray:

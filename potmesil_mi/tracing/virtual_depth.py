@@ -45,6 +45,13 @@ def _alphas(scene: mi.Scene) -> mi.Float | None:
     return None if alphas is None else mi.Float(alphas)
 
 
+def may_pass_straight(scene: mi.Scene) -> bool:
+    """Whether the scene may have surfaces that :func:`passes_straight` finds."""
+    kinds = mi.BSDFFlags
+    transmits = int(kinds.Null) | int(kinds.DeltaTransmission) | int(kinds.GlossyTransmission)
+    return bool((bsdf_flags(scene) & transmits).any())
+
+
 class Visible(NamedTuple):
     """What primary rays show, one element for each, and the chains of surfaces that show it.
 
@@ -182,7 +189,8 @@ def trace_visible(
     """Depth of what primary rays show, behind at most ``bounces`` mirrors and panes.
 
     ``origin`` is the pinhole and ``axis`` the unit vector along which it looks, in the world;
-    ``ray`` are rays away from it of unit direction, and ``hit`` is what each meets first.
+    ``ray`` are rays of unit direction from it, or from points of a lens across the axis there, and
+    ``hit`` is what each meets first.
 
     At a surface the path goes on
 
@@ -231,7 +239,7 @@ def trace_visible(
         image = path.transfer().image_depth()
         return dr.select(path.turns > 0, image, _depth(origin, axis, path.hit))
 
-    end = followed(_start(ray, hit, axis, dr.norm(hit.p - origin)), None)
+    end = followed(_start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis)), None)
     depth, is_rough = depth_of(end), mi.Bool(False)
     alphas = _alphas(scene)
     if alphas is not None:

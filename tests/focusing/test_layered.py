@@ -334,7 +334,7 @@ def test_light_from_beyond_the_window_is_added(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_refocusing_finds_visibility_only_once(method, monkeypatch):
     calls = {"gathered": 0, "seen": 0}
-    gather, see = layered_module.gather, LensView.of.__func__
+    gather, see = layered_module.gather_with_known, LensView.of.__func__
 
     def counting_gather(*arguments, **options):
         calls["gathered"] += 1
@@ -344,7 +344,7 @@ def test_refocusing_finds_visibility_only_once(method, monkeypatch):
         calls["seen"] += 1
         return see(cls, *arguments, **options)
 
-    monkeypatch.setattr(layered_module, "gather", counting_gather)
+    monkeypatch.setattr(layered_module, "gather_with_known", counting_gather)
     monkeypatch.setattr(LensView, "of", classmethod(counting_see))
     samples = with_parallax(overscanned(), 8.0)
     images = [

@@ -61,6 +61,42 @@ def test_every_column_survives_a_file(tmp_path):
     assert_same_samples(pm.PointSamples.load(tmp_path / "samples.exr"), samples)
 
 
+def test_what_is_known_of_windows_survives_a_file(tmp_path):
+    rng = np.random.default_rng(5)
+    samples = synthetic(
+        3000,
+        layer=rng.choice(np.array([0, 1, 255], np.uint8), 3000),
+        through=rng.choice([0.0, 1.5], 3000),
+        visibility=rng.integers(0, 2**64, 3000, np.uint64),
+        visibility_radius=(0.1, 0.2),
+    )
+    samples.save(tmp_path / "samples.exr")
+    loaded = pm.PointSamples.load(tmp_path / "samples.exr")
+    assert_same_samples(loaded, samples)
+    assert loaded.visibility_radius == (0.1, 0.2)
+    here, there = (np.lexsort([s.z, s.y, s.x]) for s in (loaded, samples))
+    for name in ("through", "visibility"):
+        np.testing.assert_array_equal(getattr(loaded, name)[here], getattr(samples, name)[there])
+    # As the header says it: low bits first.
+    with OpenEXR.File(str(tmp_path / "samples.exr"), separate_channels=True) as file:
+        channels = file.parts[0].channels
+        low, high = (
+            np.concatenate([v for v in channels[name].pixels.ravel() if v is not None])
+            for name in ("potmesil.visibility0", "potmesil.visibility1")
+        )
+    words = np.sort(low.astype(np.uint64) | high.astype(np.uint64) << np.uint64(32))
+    np.testing.assert_array_equal(words, np.sort(samples.visibility[samples.layer == 0]))
+
+
+@pytest.mark.parametrize("radius", [[0.1], [0.1, -1.0], "wide", [0.1, 1e300]])
+def test_half_widths_of_a_lens_in_a_file_are_not_trusted(tmp_path, radius):
+    path = tmp_path / "samples.exr"
+    synthetic(50, visibility=np.ones(50, np.uint64), visibility_radius=(0.1, 0.1)).save(path)
+    edited(path, "samples", visibility_radius=radius)
+    with pytest.raises(ValueError, match="visibility_radius"):
+        pm.PointSamples.load(path)
+
+
 @pytest.mark.parametrize("margin", [0, 5, 60])
 def test_layers_and_window_survive_a_file(tmp_path, margin):
     samples = overscanned(margin=margin)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi.optics.disc import lens_points
 from potmesil_mi.samples.columns import COLUMNS, Columns
 from potmesil_mi.samples.raster import Window
 from scenes import overscanned, papers_scene, pinhole_mean, synthetic
@@ -224,7 +225,12 @@ def test_bytes_of_samples_are_counted():
 
 
 def test_columns_are_taken_as_they_are_and_joined_in_order():
-    samples = synthetic(100)
+    rng = np.random.default_rng(4)
+    samples = synthetic(100).replace(
+        through=rng.random(100),
+        visibility=rng.integers(0, 2**64, 100, np.uint64),
+        visibility_radius=(0.1, 0.1),
+    )
     columns = {f.name: getattr(samples, f.name) for f in COLUMNS}
     whole = Columns(**columns)
     assert whole.rgb is samples.rgb
@@ -233,6 +239,45 @@ def test_columns_are_taken_as_they_are_and_joined_in_order():
     for field in COLUMNS:
         np.testing.assert_array_equal(getattr(joined, field.name), columns[field.name])
         assert getattr(joined, field.name).dtype == field.metadata["dtype"]
+
+
+def test_columns_that_some_parts_do_without_are_zeros_there():
+    plain = synthetic(5)
+    seen = plain.replace(through=np.full(5, 2.0))
+    joined = Columns.joined([Columns(**own(seen)), Columns(**own(plain))])
+    np.testing.assert_array_equal(joined.through, [2.0] * 5 + [0.0] * 5)
+    assert joined.visibility is None
+
+
+def own(samples):
+    """The columns of samples, by their names."""
+    return {f.name: getattr(samples, f.name) for f in COLUMNS}
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"visibility": np.ones(5, np.uint64)}, "visibility_radius=None: must be the half-widths"),
+        ({"visibility_radius": (1.0, 1.0)}, r"visibility_radius=\(1.0, 1.0\): must be .* None"),
+        (
+            {"visibility": np.ones(5, np.uint64), "visibility_radius": (1.0, 0.0)},
+            r"visibility_radius=\(1.0, 0.0\): must be two numbers > 0",
+        ),
+        ({"through": np.ones(4)}, r"through: has shape \(4,\), must have \(5,\)"),
+    ],
+)
+def test_what_is_said_of_windows_fits_together(fields, message):
+    with pytest.raises(ValueError, match=message):
+        synthetic(5).replace(**fields)
+
+
+def test_points_of_the_lens_are_those_of_a_round_aperture_as_the_picture_has_them():
+    samples = synthetic(5).replace(visibility=np.ones(5, np.uint64), visibility_radius=(0.5, 0.25))
+    points = samples.visibility_points
+    np.testing.assert_allclose(points[0], -lens_points(64)[0] * (0.5, 0.25))
+    assert (points**2 / np.array([0.25, 0.0625])).sum(axis=1).max() < 1
+    with pytest.raises(ValueError, match="have no visibility"):
+        synthetic(5).visibility_points  # noqa: B018
 
 
 def test_an_unknown_field_is_refused():

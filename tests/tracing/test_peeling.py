@@ -7,6 +7,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.optics.blur import widest_radius_per_vergence
+from potmesil_mi.samples.columns import ELSEWHERE
 from potmesil_mi.tracing import peeling
 from scenes import LENS, diffuse
 
@@ -78,9 +79,10 @@ def shown(*, spp=4, film=None, integrator=None, f_number=0.1, focus_distance=2.0
 
 def layers(samples):
     """The samples of each layer, as dictionaries of columns."""
+    last = samples.layer[samples.layer < ELSEWHERE].max()
     return [
-        {name: getattr(samples, name)[samples.layer == i] for name in COLUMNS}
-        for i in range(samples.layer.max() + 1)
+        {f.name: getattr(samples, f.name)[samples.layer == i] for f in samples.present()}
+        for i in range(last + 1)
     ]
 
 
@@ -385,18 +387,21 @@ def test_beyond_the_far_clipping_plane_nothing_is_sampled():
     assert names(samples, layers(samples)[1]) == {"nothing"}
 
 
-def test_what_a_mirror_shows_hides_nothing():
+def test_a_mirror_hides_what_is_behind_it_and_not_behind_its_image():
     mirror = {**plain(-0.3, 0.3, 2), "bsdf": {"type": "conductor", "material": "none"}}
     # The wall is behind the camera, its image before the sky.
     samples = pm.render_samples(
         shown(mirror=mirror, wall=glowing(-9, 9, -0.2, height=18)), sampling=NO_OVERSCAN
     )
-    first = layers(samples)[0]
+    first, *hidden = layers(samples)
     in_mirror = np.abs(first["x"] - 24) < 8.9
     assert names(samples, {"surface": first["surface"][in_mirror]}) == {"wall"}
     np.testing.assert_allclose(first["z"][in_mirror], 4.2, rtol=1e-4)
-    hidden = samples.layer > 0
-    assert not (np.abs(samples.x[hidden] - 24) < 8.9).any()
+    np.testing.assert_allclose(first["through"][in_mirror], 2, rtol=1e-4)
+    assert len(hidden) == 1
+    behind = np.abs(hidden[0]["x"] - 24) < 8.9
+    assert np.isinf(hidden[0]["z"][behind]).all()
+    assert behind.any()
 
 
 def test_lamps_that_are_not_shown_are_not_behind_anything_either():
