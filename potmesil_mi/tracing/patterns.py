@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from .._progress import track
+from ..optics.summed_area import summed_area
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, to_host
 from .passes import gathered, wavefronts
@@ -125,6 +126,18 @@ class Cells:
     def __getitem__(self, part: slice) -> Cells:
         """Some of them."""
         return Cells(*(column[part] for column in self._columns()))
+
+    def chosen(self, which: np.ndarray) -> Cells:
+        """Those of which ``which``, bool (N,), is true."""
+        return Cells(*(column[which] for column in self._columns()))
+
+    def touch(self, pixels: np.ndarray, window: Window) -> np.ndarray:
+        """Which cells, bool (N,), have any of the ``pixels`` of ``window``, bool (H, W)."""
+        left, top = self.left - window.left, self.top - window.top
+        sums = summed_area(pixels.astype(np.float64))
+        right, bottom = left + self.width, top + self.height
+        inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+        return inside > 0.5
 
     @property
     def area(self) -> np.ndarray:

@@ -98,7 +98,7 @@ def add_hidden(
     sample's own begins, float32 (N,): see ``start`` of :class:`Hidden`.
     """
     first = buffer.columns()
-    cells = _cells(first.x[chosen], first.y[chosen])
+    cells = cells_of(first.x[chosen], first.y[chosen])
     parts: list[Hidden] = []
     for part in track(wavefronts(len(chosen), USUALLY_MET), LABEL):
         number = chosen[part]
@@ -276,14 +276,14 @@ def _sees(lens: LensRays, target: Target, cell: mi.UInt32, cells: int) -> mi.Boo
     return sees
 
 
-def _cells(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def cells_of(x: np.ndarray, y: np.ndarray, samples: int = VOTERS) -> np.ndarray:
     """Numbers, uint32 (N,), of square cells of the film in which positions lie.
 
-    They are of whole pixels, which have ``VOTERS`` of the positions or more on the average.
+    They are of whole pixels, which have so many ``samples`` or more on the average.
     """
     column, row = (np.floor(at - at.min()).astype(np.uint32) for at in (x, y))
     pixels = np.count_nonzero(np.bincount(row * (column.max() + 1) + column))
-    side = math.ceil(math.sqrt(VOTERS * pixels / len(x)))
+    side = math.ceil(math.sqrt(samples * pixels / len(x)))
     column, row = column // side, row // side
     return row * (column.max() + 1) + column
 

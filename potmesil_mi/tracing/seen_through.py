@@ -14,6 +14,7 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import scipy.ndimage
 
 from .._backend import from_numpy
 from .._progress import track
@@ -24,7 +25,7 @@ from .buffers import Shown, to_host
 from .lens_rays import TURN, LensRays
 from .passes import wavefronts
 from .patterns import sampler_cells
-from .peeling import primary
+from .peeling import cells_of, primary
 from .rays import PrimaryRays
 from .virtual_depth import Visible
 from .windows import Chain, meets_end
@@ -36,12 +37,12 @@ TOLERANCE = 4.0
 """How far rays of the lens may miss what they are aimed at, in pixels: only plane mirrors show all
 of the lens the same image."""
 
-FEW_POINTS = 16
+FEW_POINTS = 4
 """So many of the points are tried first, others for each sample in turn. What they see in a cell of
 the film is seen by all."""
 
-CELL = 2
-"""Pixels on a side of such a cell."""
+CELL_SAMPLES = 64
+"""Samples, at least, of such a cell on the average."""
 
 FINDERS = 2
 """Rays by which what the pinhole does not see is looked for, for each of its samples. Most find
@@ -84,8 +85,7 @@ def seen_through(
             continue
         there = np.array(index).astype(np.int64) + part.start
         through[there] = np.array(dr.gather(mi.Float, depth, index))
-        column, row = (np.floor((at[there] - at.min()) / CELL).astype(np.int64) for at in (x, y))
-        cell = row * (column.max() + 1) + column
+        cell = cells_of(x[there], y[there], CELL_SAMPLES)
         visibility[there] = _visibility(dr.gather(_Image, image, index), cell, lens)
     return SeenThrough(through, visibility)
 
@@ -104,7 +104,10 @@ def seen_elsewhere(
     vergence = float(np.average(1 / columns.z[images], weights=columns.weight[images]))
     each = FINDERS * rays.passes.spp
     finder = _Finder(rays, lens, window, vergence)
-    parts = sampler_cells(rays.crop, window)
+    around = _around(window, lens, columns)
+    parts = [
+        cells.chosen(cells.touch(around, window)) for cells in sampler_cells(rays.crop, window)
+    ]
     passes = [cells[part] for cells in parts for part in wavefronts(len(cells), each)]
     found = []
     for cells in track(passes, LABEL):
@@ -112,6 +115,24 @@ def seen_elsewhere(
         position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
         found.append(finder.found(position, np.repeat(cells.area / each, each)))
     return [part for part in found if part is not None]
+
+
+def _around(window: Window, lens: LensRays, columns: Columns) -> np.ndarray:
+    """The pixels of ``window``, bool (H, W), in which there may be images the pinhole does not see.
+
+    There is one as far from an image that some points of the lens do not see as these are shifted.
+    """
+    assert columns.through is not None
+    assert columns.visibility is not None
+    partly = (columns.through > 0) & (columns.layer == 0) & (columns.visibility != ALL)
+    found = np.zeros(window.size, dtype=bool)
+    found[window.pixel_of(columns.x[partly], columns.y[partly])] = True
+    if not found.any():
+        return found.reshape(window.shape)
+    apart = np.abs(1 / columns.through[partly] - 1 / columns.z[partly]).max()
+    parallax = apart * max(lens.radius) * lens.rays.sensor.camera().focal_length_pixels
+    reach = math.ceil(min(parallax, max(window.shape))) + 1
+    return scipy.ndimage.maximum_filter(found.reshape(window.shape), 2 * reach + 1)
 
 
 class _Finder:

@@ -143,10 +143,11 @@ def test_the_rim_is_blurred_by_its_own_depth(window, wall, method):
     blur = RADIUS * samples.camera.focal_length_pixels * (1 / 0.99 - 1 / FOCUS)
     across = (np.arange(SIZE // 2) + 0.5 - middle) / blur
     share = Disc().corner_area(across, np.ones_like(across)) / np.pi
+    # The edge is upright: it passes several of the 64 points of the lens at once.
     np.testing.assert_allclose(
         profile[: SIZE // 2],
         beyond + share * (inside - beyond),
-        atol=0.03,
+        atol=0.05,
     )
 
 
