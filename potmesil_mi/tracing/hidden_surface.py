@@ -155,7 +155,11 @@ def _with_hidden(
     if len(columns) > len(first):
         hidden = columns.chosen(np.arange(len(first), len(columns)))
         seen = seen.followed_by(seen_through(hidden.x, hidden.y, start, rays, lens))
+    # The pinhole does see what is visible; of the rest there may be what is out of sight.
+    unseen = (seen.through > 0) & (seen.visibility == 0)
+    seen.visibility[unseen & (columns.layer == 0)] = 1
     columns = dataclasses.replace(columns, through=seen.through, visibility=seen.visibility)
+    columns = columns.chosen(~unseen | (columns.layer == 0))
     if layers > 1 and visible.lattice == 0:
         columns = Columns.joined([columns, *seen_elsewhere(rays, lens, window, columns)])
     return columns, lens.radius

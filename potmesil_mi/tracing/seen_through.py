@@ -8,6 +8,7 @@ pinhole's was, ends where that did. That cannot be inferred from other samples, 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import NamedTuple
 
@@ -40,6 +41,10 @@ of the lens the same image."""
 FEW_POINTS = 4
 """So many of the points are tried first, others for each sample in turn. What they see in a cell of
 the film is seen by all."""
+
+TRIED_IN_A_PIXEL = 256
+"""So many are tried by all samples of a pixel in the other cells, others by each in turn, and
+``FEW_POINTS`` by each at least. What a point sees that is not tried is what the nearest sees."""
 
 CELL_SAMPLES = 64
 """Samples, at least, of such a cell on the average."""
@@ -169,7 +174,14 @@ class _Finder:
         index = dr.compress(new)
         if dr.width(index) == 0:
             return None
-        visibility = np.array(_bits(dr.gather(_Image, image, index), self.lens, VISIBILITY_POINTS))
+        visibility = np.array(
+            _bits(
+                dr.gather(_Image, image, index),
+                dr.gather(mi.UInt32, point, index),
+                self.lens,
+                _tried(self.rays),
+            )
+        )
         own = np.array(dr.gather(mi.UInt32, point, index)).astype(np.uint64)
         sees = (visibility >> own & np.uint64(1)) > 0
         share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
@@ -275,44 +287,60 @@ def _visibility(image: _Image, cell: np.ndarray, lens: LensRays) -> np.ndarray:
 
     ``cell``, (N,), is the number of the cell of the film in which each is.
     """
-    few = _bits(image, lens, FEW_POINTS)
-    unseen = np.array(few != _tried(dr.arange(mi.UInt32, len(cell))))
+    number = dr.arange(mi.UInt32, len(cell))
+    few, count = np.array(_bits(image, number, lens, FEW_POINTS)), _tried(lens.rays)
     _, cell = np.unique(cell, return_inverse=True)
-    is_partly = np.bincount(cell, unseen) > 0
+    is_partly = np.bincount(cell, few != ALL) > 0
     found, partly = np.full(len(cell), ALL, np.uint64), np.flatnonzero(is_partly[cell])
-    for part in wavefronts(len(partly), VISIBILITY_POINTS):
+    found[partly] = few[partly]
+    for part in wavefronts(len(partly), count) if count > FEW_POINTS else []:
         index = from_numpy(mi.UInt32, partly[part])
         there = dr.gather(_Image, image, index)
-        found[partly[part]] = np.array(_bits(there, lens, VISIBILITY_POINTS))
+        found[partly[part]] = np.array(_bits(there, index, lens, count))
     return found
 
 
-def _tried(number: mi.UInt32) -> mi.UInt64:
-    """The bits of the ``FEW_POINTS`` that are tried first for samples of a ``number``."""
-    stride = VISIBILITY_POINTS // FEW_POINTS
-    first = sum(1 << k for k in range(0, VISIBILITY_POINTS, stride))
-    return mi.UInt64(first) << mi.UInt64(number % stride)
+def _tried(rays: PrimaryRays) -> int:
+    """How many points of the lens are tried for each sample, a power of 2."""
+    count = 2 ** round(math.log2(TRIED_IN_A_PIXEL / rays.passes.spp))
+    return min(max(count, FEW_POINTS), VISIBILITY_POINTS)
 
 
-def _bits(image: _Image, lens: LensRays, count: int) -> mi.UInt64:
-    """Which points of the lens, ``count`` of them all over it, see each image.
+def _bits(image: _Image, number: mi.UInt32, lens: LensRays, count: int) -> mi.UInt64:
+    """Which points of the lens see each image, from ``count`` of them: of others, as the nearest.
 
-    From one image to the next they are others.
+    Of which is told by the ``number`` of the image: that of a point of the lens is one of its own.
     """
     u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
-    stride, lanes = VISIBILITY_POINTS // count, dr.width(image)
-    first = dr.arange(mi.UInt32, lanes) % stride
+    stride = VISIBILITY_POINTS // count
+    groups = from_numpy(mi.UInt64, _groups(stride))
+    first = number % stride
 
     def look(step: mi.UInt32, found: mi.UInt64) -> tuple[mi.UInt32, mi.UInt64]:
         point = step * stride + first
         at = dr.gather(mi.Float, u, point), dr.gather(mi.Float, v, point)
         sees = image.seen_from(*at, lens, mi.Bool(True))
-        bit = mi.UInt64(1) << mi.UInt64(point)
-        return step + 1, found | dr.select(sees, bit, mi.UInt64(0))
+        group = dr.gather(mi.UInt64, groups, point)
+        return step + 1, found | dr.select(sees, group, mi.UInt64(0))
 
-    end = dr.opaque(mi.UInt32, count)
+    end, lanes = dr.opaque(mi.UInt32, count), dr.width(number)
     state = dr.zeros(mi.UInt32, lanes), dr.zeros(mi.UInt64, lanes)
     return dr.while_loop(state, lambda step, _: step < end, look)[1]
+
+
+@functools.cache
+def _groups(stride: int) -> np.ndarray:
+    """For each point of the lens the bits of those next to it, uint64 (64,).
+
+    They are those to which it is nearer than others of each ``stride``-th point, itself one.
+    """
+    points, groups = lens_points(VISIBILITY_POINTS), np.zeros(VISIBILITY_POINTS, np.uint64)
+    for first in range(stride):
+        chosen = points[first::stride]
+        nearest = np.argmin(((points[:, None] - chosen) ** 2).sum(axis=-1), axis=1)
+        bits = np.uint64(1) << np.arange(VISIBILITY_POINTS, dtype=np.uint64)
+        np.bitwise_or.at(groups, first + stride * nearest, bits)
+    return groups
 
 
 def _points(lens: LensRays) -> np.ndarray:
