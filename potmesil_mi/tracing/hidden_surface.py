@@ -20,7 +20,7 @@ from ..samples.columns import COLUMNS
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .lens_rays import LensRays
-from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
+from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, is_closed, overscan
 from .passes import Passes
 from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
@@ -28,6 +28,8 @@ from .rays import PrimaryRays
 from .sampling import Sampling
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
+from .splitting import split
+from .transmission import VeilKinds, veil_kinds
 from .virtual_depth import has_specular
 
 
@@ -99,7 +101,10 @@ def _sampled(
     ids, surfaces = surface_ids(scene)
     follows_mirrors = sampling.virtual_depth and has_specular(scene)
     crop = _crop_window(sensor.film())
-    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_mirrors)
+    veils = VeilKinds(False, False)
+    if sampling.virtual_depth:
+        veils = veil_kinds(scene, sensor, integrator)
+    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_mirrors, veils)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):
@@ -114,8 +119,13 @@ def _sampled(
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     visible = sample_visible(rays, window, sampling)
+    primary = len(visible.buffer.columns())
     if sampling.layers > 1:
         _add_hidden(rays, visible, window, widest, sampling.layers)
+    if any(rays.veils):
+        is_open = sampling.layers > 1 and not is_closed(widest)
+        paths = 1 if visible.lattice == 0 else passes.spp
+        split(visible.buffer, primary, rays, paths, is_open)
     columns = visible.buffer.columns()
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},

@@ -36,15 +36,19 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
 
 
 def bsdf_flags(scene: mi.Scene) -> np.ndarray:
-    """The flags of the BSDFs of the scene's shapes, and of those that instances are made of.
+    """The flags of the BSDFs of :func:`every_shape`."""
+    return np.array(every_shape(scene).bsdf().flags())
+
+
+def every_shape(scene: mi.Scene) -> mi.ShapePtr:
+    """The scene's shapes, and those that instances are made of.
 
     Instances do not tell their shapes, which come before them in Dr.Jit's registry: where there
     are instances, shapes of other scenes may be among the result.
     """
-    shapes = scene.shapes_dr()
     if any(shape.class_name() == "Instance" for shape in scene.shapes()):
-        shapes = dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
-    return np.array(shapes.bsdf().flags())
+        return dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
+    return scene.shapes_dr()
 
 
 def registry_index(hit: mi.SurfaceInteraction3f) -> mi.UInt32:

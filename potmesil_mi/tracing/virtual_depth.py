@@ -25,6 +25,10 @@ about the size of a pixel, and far above the error of single precision."""
 FLAT = 5e-7
 """Normals a step apart that differ by less differ by the rounding of single precision only."""
 
+LEAST_THROUGH = 1 / 256
+"""What lets less of the light through hides what is behind it, and what keeps less back is not
+there."""
+
 CREASE = 0.3
 """Normals a step apart that differ by more lie on two sides of an edge, which is no curvature."""
 
@@ -101,8 +105,9 @@ def trace_visible(
 
     At a surface the path goes on
 
-    - straight, where at least half of the light passes so (``mask``, ``null``,
-      ``thindielectric``), and at a ``dielectric`` that does not refract;
+    - straight, where any of the light passes so (``mask``, ``null``), behind a mirror and through
+      glass (``thindielectric``) where at least half does, and at a ``dielectric`` that does not
+      refract;
     - in the mirror's direction, where the BSDF does nothing but reflect as a mirror (also one
       that lets a smaller half pass, like a ``thindielectric`` at a grazing angle).
 
@@ -161,7 +166,7 @@ def _start(
 def _step(scene: mi.Scene, path: _Path) -> _Path:
     """The paths at what they meet next."""
     here = path.hit
-    straight, mirror, reflected = _onward(here, path.active)
+    straight, mirror, reflected = _onward(here, path.active, path.mirrored)
     goes = straight | mirror
     points, directions = _reflected(scene, path, reflected, mirror)
     direction = dr.select(mirror, reflected, path.direction)
@@ -180,9 +185,23 @@ def _step(scene: mi.Scene, path: _Path) -> _Path:
 
 
 def passes_straight(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-    """Where :func:`trace_visible` goes straight on: panes, and what is cut out by a mask."""
+    """Where :func:`trace_visible` goes straight on: panes, masks where they are not opaque."""
     active = active & _is_worth_a_step(hit)
-    return active & _onward(hit, active)[0]
+    return active & _onward(hit, active, mi.Bool(False))[0]
+
+
+def is_veil(hit: mi.SurfaceInteraction3f, through: mi.Float) -> mi.Bool:
+    """Where a surface that lets ``through`` a part of the light is seen itself, too.
+
+    The image in a pane of glass is not in the pane.
+    """
+    return (through < 1 - LEAST_THROUGH) & may_be_veil(hit.bsdf().flags())
+
+
+def may_be_veil(flags: Any) -> Any:
+    """Whether a BSDF of such flags, a number or an array, may be half transparent."""
+    null, glass = (flags & int(mi.BSDFFlags.Null)) != 0, _may_be_glass(flags)
+    return null & ~glass & ~_only_null(flags)
 
 
 def _depth(origin: mi.Point3f, axis: mi.Vector3f, hit: mi.SurfaceInteraction3f) -> mi.Float:
@@ -207,8 +226,24 @@ def _is_worth_a_step(hit: mi.SurfaceInteraction3f) -> mi.Bool:
     return hit.is_valid() & ~lamp & _may_go_on(hit.bsdf().flags())
 
 
-def _onward(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Bool, mi.Bool, mi.Vector3f]:
-    """Where the path goes straight on, where it is mirrored, and the mirrored direction."""
+def _only_null(flags: Any) -> Any:
+    """Whether a BSDF of such flags, a number or an array, does nothing but let light through."""
+    delta = mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission
+    return _only_specular(flags) & ((flags & int(delta)) == 0)
+
+
+def _may_be_glass(flags: Any) -> Any:
+    """Whether a BSDF of such flags, a number or an array, may show images as glass does."""
+    return _only_specular(flags) & ~_only_null(flags)
+
+
+def _onward(
+    hit: mi.SurfaceInteraction3f, active: mi.Bool, mirrored: mi.Bool
+) -> tuple[mi.Bool, mi.Bool, mi.Vector3f]:
+    """Where the path goes straight on, where it is mirrored, and the mirrored direction.
+
+    ``mirrored`` is whether it has been before.
+    """
     bsdf, flags = hit.bsdf(), mi.BSDFFlags
     kinds = bsdf.flags()
     # Sampled with 1/2, a BSDF of two lobes answers with the greater one.
@@ -218,7 +253,8 @@ def _onward(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Bool, mi.
     unbent = mi.has_flag(sample.sampled_type, flags.DeltaTransmission) & (sample.eta == 1)
     straight = specular & (mi.has_flag(sample.sampled_type, flags.Null) | unbent)
     passes = mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, active))
-    straight |= active & (dr.mean(passes) >= 0.5)
+    half = mirrored | _may_be_glass(kinds)
+    straight |= active & (dr.mean(passes) >= dr.select(half, 0.5, LEAST_THROUGH))
     mirror = specular & ~straight & ~mi.has_flag(kinds, flags.DeltaTransmission)
     return straight, mirror, hit.to_world(sample.wo)
 
