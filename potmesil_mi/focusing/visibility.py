@@ -1,11 +1,13 @@
 """Visibility: which points of the lens see which fragments.
 
 From each lens point the fragments appear shifted by their parallax, and they cover each other from
-the nearest to the farthest. What the nearer ones leave free of a subpixel is what the lens point
-sees of those behind. None of it depends on where the lens is focused.
+the nearest to the farthest. Each lets a part of what is behind it through, 1 less its opacity; what
+all the nearer ones let through is what the lens point sees of those behind. Optical depth is the
+negative logarithm of such a part, so that it adds up. None of it depends on where the lens is
+focused.
 
 The decision for a fragment and a lens point is one line of :func:`_seen_from`:
-``free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)``.
+``free = dr.exp(-dr.gather(jit.Float, depth, place))``.
 """
 
 from __future__ import annotations
@@ -28,6 +30,12 @@ SLANT_BINS = 2
 CONNECTED_PARALLAX = 0.5
 """Largest difference of parallax, in subpixels, of neighbouring fragments of one surface. Where a
 lens point sees them farther apart than that, there is no gap between them."""
+
+ROUNDING = 1e-6
+"""Shares of a subpixel that differ by less are the same."""
+
+OPAQUE = 16.0
+"""Optical depth of what hides all that is behind it."""
 
 MAX_STEPS = 128
 """Most steps from near to far in which fragments cover others; a step may have several bins."""
@@ -131,8 +139,8 @@ def visibility_of_highlights(
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
     np.maximum.at(nearest, subpixel, parallax)
     same = parallax > nearest[subpixel] - 1
-    share = np.bincount(subpixel[same], _coverage(fragments)[same], width * height)
-    parallaxes, shares = jit.Float(nearest), jit.Float(share)
+    depth = np.bincount(subpixel[same], _optical_depth(fragments)[same], width * height)
+    parallaxes, depths = jit.Float(nearest), jit.Float(depth)
     end = dr.opaque(jit.Float, float(nearest.max()))
     count = dr.opaque(jit.UInt32, len(points))
     lane = dr.arange(jit.UInt32, len(highlights) * len(points))
@@ -158,8 +166,8 @@ def visibility_of_highlights(
         place = jit.UInt32(row * wide + column)
         parallax = dr.gather(jit.Float, parallaxes, place, inside) - own
         meets = inside & (dr.abs(parallax - way) <= STEP_PARALLAX)
-        share = dr.gather(jit.Float, shares, place, meets)
-        return way + 1, dr.minimum(free, 1 - dr.minimum(share, 1))
+        depth = dr.gather(jit.Float, depths, place, meets)
+        return way + 1, dr.minimum(free, dr.exp(-depth))
 
     start = SLANT_BINS * BIN_RADIUS + 0.5
     way, free = dr.full(jit.Float, start, dr.width(lane)), dr.full(jit.Float, 1, dr.width(lane))
@@ -167,17 +175,50 @@ def visibility_of_highlights(
     return np.array(_as_byte(free)).reshape(len(highlights), len(points))
 
 
-def _coverage(fragments: Fragments) -> np.ndarray:
-    """How much of its subpixel each fragment covers, float32 (N,).
+def _optical_depth(fragments: Fragments) -> np.ndarray:
+    """The optical depth of each fragment, float32 (N,).
 
-    It is the fragment's share of what the pinhole sees in the subpixel. Where chance has put fewer
-    samples there is no hole.
+    Of what the pinhole sees in a subpixel each fragment has a share. Its opacity is its part of
+    what the nearer ones leave: behind all of them nothing is left, and where chance has put fewer
+    samples there is no hole. What is hidden has shares and opacities of its own. Where it is at the
+    depth of what is seen, it is more of that, and counts with it.
     """
-    subpixel = fragments.subpixel
-    share, first = fragments.values[:, SHARE], fragments.gap_in_front == 0
-    total = np.bincount(subpixel[first], share[first], fragments.width * fragments.height)
-    total = total[subpixel]
-    return (share / np.where(total > 0, total, 1)).astype(np.float32)
+    subpixel, seen = fragments.subpixel, fragments.gap_in_front == 0
+    size = fragments.width * fragments.height
+    result = np.full(len(fragments), OPAQUE, np.float32)
+    # Most subpixels have one fragment, which is opaque. Of the others the nearest comes first.
+    others = np.flatnonzero(np.bincount(subpixel, minlength=size)[subpixel] > 1)[::-1]
+    if len(others) == 0:
+        return result
+    others = others[np.lexsort([~seen[others], -fragments.bin[others], subpixel[others]])]
+    subpixel, seen = subpixel[others], seen[others]
+    share = fragments.values[others, SHARE].astype(np.float64)
+    total = np.bincount(subpixel, share * seen, size)[subpixel]
+    share /= np.where(total > 0, total, 1)
+    # Those of one subpixel and one bin are one thing.
+    begins = np.diff(subpixel, prepend=-1) != 0
+    first = np.flatnonzero(begins | (np.diff(fragments.bin[others], prepend=-1) != 0))
+    visible, hidden = (np.add.reduceat(share * which, first) for which in (seen, ~seen))
+    begins = begins[first]
+    opacity = np.where(
+        visible > 0,
+        np.maximum(_part_of_rest(visible, begins), visible + hidden),
+        _part_of_rest(np.where(visible > 0, 0, hidden), begins),
+    )
+    result[others] = 0
+    result[others[first]] = -np.log(np.maximum(1 - opacity, math.exp(-OPAQUE)))
+    return result
+
+
+def _part_of_rest(shares: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    """What part each of ``shares`` is of what those before it leave of 1, at most 1, (N,).
+
+    A new sequence of shares begins where ``begins`` is true.
+    """
+    before = np.cumsum(shares) - shares
+    before -= before[begins][np.cumsum(begins) - 1]
+    rest = 1 - before
+    return np.where(shares < rest - ROUNDING, shares / np.maximum(rest, ROUNDING), 1) * (shares > 0)
 
 
 def _may_be_covered(
@@ -207,7 +248,7 @@ def _may_be_covered(
 class _CoverColumns:
     """The columns of :class:`_Covers` as Dr.Jit arrays."""
 
-    share: jit.Float
+    depth: jit.Float
     right: jit.Float
     below: jit.Float
 
@@ -222,13 +263,13 @@ class _Covers:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``share``                     float32 (N,), covered part of a subpixel
+    ``depth``                     float32 (N,), optical depth
     ``right``, ``below``          float32 (N,), parallax in subpixels at the fragment's end less
                                   that at its beginning
     ============================  ==========================================================
     """
 
-    share: np.ndarray
+    depth: np.ndarray
     right: np.ndarray
     below: np.ndarray
 
@@ -249,7 +290,7 @@ class _Covers:
             apart = [by_place[neighbour] - parallax for by_place in (nearest, farthest)]
             apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
             ends.append(np.where(np.abs(apart) <= CONNECTED_PARALLAX, apart, np.float32(0)))
-        return cls(_coverage(fragments), *ends)
+        return cls(_optical_depth(fragments), *ends)
 
     def chosen(self, mask: np.ndarray) -> _Covers:
         """Those of which ``mask``, bool (N,), is true."""
@@ -329,10 +370,10 @@ class _FromPoint(NamedTuple):
         return self.point * dr.opaque(jit.UInt32, frame.size) + row
 
 
-def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
-    """Add to ``covered`` what fragments cover of the subpixels in which the points see them."""
+def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
+    """Add that of fragments to the optical ``depth`` of subpixels in which the points see them."""
     columns = covers.on_device
-    share, right_end, below_end = (
+    own, right_end, below_end = (
         dr.gather(jit.Float, getattr(columns, field.name), seen.fragment)
         for field in dataclasses.fields(columns)
     )
@@ -348,7 +389,7 @@ def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame)
         (place + down, below),
         (place + down + 1, right & below),
     ):
-        dr.scatter_add(covered, share, target, active, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(depth, own, target, active, mode=dr.ReduceMode.Direct)
 
 
 def _seen_from(
@@ -357,14 +398,14 @@ def _seen_from(
     """What each point sees of each fragment of ``behind``, uint8 (N, M).
 
     From the nearest step to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
-    bins nearer than a step's are added to what is covered, then those of the step are looked up.
+    bins nearer than a step's are added to the optical depth, then those of the step are looked up.
     """
     count = len(points)
     on_device = (
         jit.Float(np.ascontiguousarray(points[:, 0])),
         jit.Float(np.ascontiguousarray(points[:, 1])),
     )
-    covered = dr.zeros(jit.Float, frame.size * count)
+    depth = dr.zeros(jit.Float, frame.size * count)
     seen = dr.zeros(jit.UInt8, behind.count * count)
     if behind.count == 0:
         return np.array(seen).reshape(0, count)
@@ -374,15 +415,15 @@ def _seen_from(
         nearer = before.part(range(bin_ + step - 1 + SLANT_BINS, added))
         added = bin_ + step - 1 + SLANT_BINS
         if nearer[0] < nearer[1]:
-            _cover(covered, before.from_points(nearer, on_device), covers, frame)
+            _cover(depth, before.from_points(nearer, on_device), covers, frame)
         here = behind.part(range(bin_, bin_ + step))
         if here[0] < here[1]:
             place = behind.from_points(here, on_device).place(frame)
-            free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)
+            free = dr.exp(-dr.gather(jit.Float, depth, place))
             lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, _as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
-            # What still refers to the covered subpixels makes Dr.Jit copy them all before the next
+            # What still refers to the optical depths makes Dr.Jit copy them all before the next
             # step adds to them.
             del free
     return np.array(seen).reshape(behind.count, count)

@@ -79,7 +79,8 @@ def _behind(
         where = dr.reinterpret_array(mi.MediumPtr, mi.UInt32(int(medium)))[0]
 
         def trace(position: mi.Point2f, start: mi.Float, where: mi.Medium = where) -> Traced:
-            return rays.trace_from(position, start, mi.Float(0), mi.UInt32(0), where)
+            nothing = dr.zeros(mi.UInt32, dr.width(start))
+            return rays.trace_from(position, start, start, nothing, where)
 
         columns = x[these], y[these]
         shown = rays.passes.averaged(*columns, trace, veils.LABEL, found.start[these], paths=paths)

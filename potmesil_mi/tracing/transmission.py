@@ -99,7 +99,7 @@ class Stretch(NamedTuple):
         *_, depth = dr.while_loop(start, lambda step, *_: meets & (step < steps), add)
         through = dr.exp(-depth)
         channel, share = _channel(1 - through, place)
-        aim = -dr.log1p(-mi.Float(random[0]) * share)
+        aim = -dr.log(1 - mi.Float(random[0]) * share)
 
         def seek(step: Any, begin: Any, depth: Any, at: Any) -> tuple[Any, Any, Any, Any]:
             thickness = extinction(begin, step < steps)
