@@ -180,8 +180,8 @@ def _optical_depth(fragments: Fragments) -> np.ndarray:
 
     Of what the pinhole sees in a subpixel each fragment has a share. Its opacity is its part of
     what the nearer ones leave: behind all of them nothing is left, and where chance has put fewer
-    samples there is no hole. What is hidden has shares and opacities of its own. Where it is at the
-    depth of what is seen, it is more of that, and counts with it.
+    samples there is no hole. So it is with what is hidden, but for what is at the depth of something
+    that is seen: it is more of that, whose opacity is known.
     """
     subpixel, seen = fragments.subpixel, fragments.gap_in_front == 0
     size = fragments.width * fragments.height
@@ -200,11 +200,8 @@ def _optical_depth(fragments: Fragments) -> np.ndarray:
     first = np.flatnonzero(begins | (np.diff(fragments.bin[others], prepend=-1) != 0))
     visible, hidden = (np.add.reduceat(share * which, first) for which in (seen, ~seen))
     begins = begins[first]
-    opacity = np.where(
-        visible > 0,
-        np.maximum(_part_of_rest(visible, begins), visible + hidden),
-        _part_of_rest(np.where(visible > 0, 0, hidden), begins),
-    )
+    hidden = np.where(visible > 0, 0, hidden)
+    opacity = _part_of_rest(visible, begins) + _part_of_rest(hidden, begins)
     result[others] = 0
     result[others[first]] = -np.log(np.maximum(1 - opacity, math.exp(-OPAQUE)))
     return result

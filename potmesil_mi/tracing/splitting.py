@@ -25,6 +25,18 @@ from .rays import PrimaryRays
 from .veils import Veils
 from .virtual_depth import LEAST_THROUGH
 
+NEAREST = 1 / 4
+"""The medium around the camera is no nearer than such a part of the depth of what is nearest: its
+light is all over the picture all the same, and depths are told apart in proportion to their
+range."""
+
+LEAST_TWIN = 0.5
+"""Share of its ray that a hidden twin in a medium has at least. Of those that would have less, some
+stand for all."""
+
+TINY = 1e-6
+"""What counts as good as nothing, and is not 0."""
+
 MOST_BEHIND = 16
 """Most of a medium that is counted behind what is before it: where less than this part of the light
 comes from, as good as nothing is seen."""
@@ -43,11 +55,12 @@ def split(
     found = veils.met(x, y, rays)
     if len(found) == 0:
         return
+    found = _no_nearer(found, columns.z[:primary])
     behind = _behind(found, x[found.of], y[found.of], rays, paths)
     which, ray = np.unique(found.of, return_inverse=True)
     last = Shown(*(getattr(columns, name)[which] for name in SHOWN))
     weight, x, y = (column[which] for column in (columns.weight, x, y))
-    parts = Part.of_rays(found, ray, last, behind)
+    parts = Part.of_rays(found, ray, last, behind, _pixels(x, y), weight)
     for place, part in enumerate(parts):
         shares = weight[part.of] * part.share
         if place == 0:
@@ -108,12 +121,22 @@ class Part:
     hidden: np.ndarray
 
     @classmethod
-    def of_rays(cls, found: Veils, ray: np.ndarray, last: Shown, behind: Shown) -> list[Part]:
+    def of_rays(
+        cls,
+        found: Veils,
+        ray: np.ndarray,
+        last: Shown,
+        behind: Shown,
+        pixel: np.ndarray,
+        weight: np.ndarray,
+    ) -> list[Part]:
         """The parts of rays, from the nearest on.
 
         ``ray``, int (N,), is the number of the ray that each of the veils ``found`` belongs to.
         ``last`` are the samples of the rays: of what is behind all the veils, but with all of the
-        light and alpha. ``behind`` has the radiance and the alpha behind each veil.
+        light and alpha. ``behind`` has the radiance and the alpha behind each veil. ``pixel`` and
+        ``weight`` are the rays'. All that a medium scatters in a pixel is of one colour, for a ray
+        that tells where it scatters does not tell what it scatters there.
         """
         count = len(last.z)
         light = np.concatenate([last.rgb, last.alpha[:, None]], axis=1).astype(np.float64)
@@ -130,9 +153,14 @@ class Part:
             after = np.concatenate([behind.rgb[here], behind.alpha[here, None]], axis=1)
             kept = 1 - passing[:, -1]
             own = tint[of] * (light[of] - passing * after) / kept[:, None]
+            inside = veil.before < 1
+            key = np.where(inside, pixel[of] * (int(found.surface.max()) + 1) + veil.surface, -1)
+            own[inside] = _means(own, weight[of] * kept * (through[of] + TINY), key)[inside]
             past = 1 / np.maximum(veil.before, 1 / MOST_BEHIND) - through[of]
+            hidden = kept * np.maximum(past, 0)
+            hidden = np.where(inside, _some_for_all(hidden), hidden)
             shown = _shown(own, veil.z, veil.surface)
-            parts.append(cls(of, shown, through[of] * kept, kept * np.maximum(past, 0)))
+            parts.append(cls(of, shown, through[of] * kept, hidden))
             light[of] = after
             clear = mean >= LEAST_THROUGH
             tint[of] *= np.where(clear, colours.T / np.where(clear, mean, 1), 1).T
@@ -141,6 +169,40 @@ class Part:
         shown = _shown(light * tint, last.z, last.surface)
         parts.append(cls(np.arange(count), shown, through, (1 - through) * ends))
         return parts
+
+
+def _pixels(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Numbers, int64 (N,), of the pixels of positions on the film."""
+    column, row = (np.floor(at).astype(np.int64) for at in (x, y))
+    return (row - row.min()) * (np.ptp(column) + 1) + column - column.min()
+
+
+def _means(light: np.ndarray, weight: np.ndarray, key: np.ndarray) -> np.ndarray:
+    """The weighted mean of the ``light``, (N, 4), of all that has the same key, for each."""
+    _, same = np.unique(key, return_inverse=True)
+    total = np.bincount(same, weight)
+    means = [np.bincount(same, weight * column) / total for column in light.T]
+    return np.stack(means, axis=1)[same]
+
+
+def _no_nearer(found: Veils, z: np.ndarray) -> Veils:
+    """The veils ``found``, where the medium around the camera is no nearer than ``NEAREST``.
+
+    ``z``, (N,), are the depths of what is behind veils.
+    """
+    around = found.surface == 0
+    nearest = min(z.min(), found.z[~around].min(initial=np.inf))
+    if not np.isfinite(nearest):
+        return found
+    least = np.where(around, NEAREST * nearest, 0).astype(np.float32)
+    return dataclasses.replace(found, z=np.maximum(found.z, least))
+
+
+def _some_for_all(shares: np.ndarray) -> np.ndarray:
+    """Shares, (N,), of which those below ``LEAST_TWIN`` are 0 or that: one for several in a row."""
+    small = shares < LEAST_TWIN
+    kept = np.floor(np.cumsum(shares * small) / LEAST_TWIN + 0.5)
+    return np.where(small, LEAST_TWIN * (np.diff(kept, prepend=0) > 0), shares)
 
 
 def _shown(light: np.ndarray, z: np.ndarray, surface: np.ndarray) -> Shown:

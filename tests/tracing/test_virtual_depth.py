@@ -109,6 +109,7 @@ PANES = {
     "null": {"type": "null"},
     "cut out": {"type": "mask", "opacity": 0.0, "bsdf": WALL},
     "half opaque": {"type": "mask", "opacity": 0.5, "bsdf": WALL},
+    "more opaque than not": {"type": "mask", "opacity": 0.9, "bsdf": WALL},
     "twosided half opaque": {"type": "mask", "opacity": 0.5, "bsdf": MIRROR},
     "air": {"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.0},
 }
@@ -126,7 +127,7 @@ OPAQUE = {
     "refracting": {"type": "dielectric"},
     "rough mirror": {"type": "roughconductor", "alpha": 0.05},
     "plastic": {"type": "plastic"},
-    "more opaque than not": {"type": "mask", "opacity": 0.6, "bsdf": WALL},
+    "hardly transparent": {"type": "mask", "opacity": 0.999, "bsdf": WALL},
     "mirror with paint": {
         "type": "blendbsdf",
         "weight": 0.1,
