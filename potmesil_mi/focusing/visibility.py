@@ -180,8 +180,8 @@ def _optical_depth(fragments: Fragments) -> np.ndarray:
 
     Of what the pinhole sees in a subpixel each fragment has a share. Its opacity is its part of
     what the nearer ones leave: behind all of them nothing is left, and where chance has put fewer
-    samples there is no hole. So it is with what is hidden, but for what is at the depth of something
-    that is seen: it is more of that, whose opacity is known.
+    samples there is no hole. So it is with what is hidden, but for what is at the depth of what is
+    seen: it is more of that, whose opacity is known.
     """
     subpixel, seen = fragments.subpixel, fragments.gap_in_front == 0
     size = fragments.width * fragments.height

@@ -127,6 +127,8 @@ def _sampled(
         paths = 1 if visible.lattice == 0 else passes.spp
         split(visible.buffer, primary, rays, paths, is_open)
     columns = visible.buffer.columns()
+    if any(rays.veils):  # Some samples stand for others, whose weight is 0.
+        columns = columns.chosen(columns.weight > 0)
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
         camera=sensor.camera(),

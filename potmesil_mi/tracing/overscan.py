@@ -69,7 +69,9 @@ def overscan(rays: PrimaryRays, lens: ThinLens | TelecentricLens, most: int) -> 
     depths = np.stack(_met(rays, pinhole))
     points = _lens_points() / np.array([[lens.squeeze], [1.0]])
     lens_rays = _FocusedRays(_pixels(crop), points, _foci(lens, depths))
-    every = [_landed(lens_rays, of, depths, lens, rays.sensor.camera()) for of in _met(rays, lens_rays)]
+    every = [
+        _landed(lens_rays, of, depths, lens, rays.sensor.camera()) for of in _met(rays, lens_rays)
+    ]
     x, y = np.concatenate(every, axis=1)
     window, missing = covering(crop, x, y, max(most * crop.size, SMALL_WINDOW))
     if missing > 0:

@@ -49,7 +49,7 @@ class PrimaryRays:
     crop: Window
     surfaces: mi.UInt32
     follows_mirrors: bool
-    veils: VeilKinds = VeilKinds(False, False)
+    veils: VeilKinds
 
     def trace(self, position: mi.Point2f) -> Traced:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.

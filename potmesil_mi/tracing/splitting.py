@@ -30,9 +30,9 @@ NEAREST = 1 / 4
 light is all over the picture all the same, and depths are told apart in proportion to their
 range."""
 
-LEAST_TWIN = 0.5
-"""Share of its ray that a hidden twin in a medium has at least. Of those that would have less, some
-stand for all."""
+LEAST_SHARE = 1.0
+"""Share of a ray that samples of a medium have on the average, at least. Where there would be less,
+some in each pixel stand for all."""
 
 TINY = 1e-6
 """What counts as good as nothing, and is not 0."""
@@ -42,9 +42,7 @@ MOST_BEHIND = 16
 comes from, as good as nothing is seen."""
 
 
-def split(
-    buffer: SampleBuffer, primary: int, rays: PrimaryRays, paths: int, is_open: bool
-) -> None:
+def split(buffer: SampleBuffer, primary: int, rays: PrimaryRays, paths: int, is_open: bool) -> None:
     """Split those of the first ``primary`` samples, of one ray each, that are behind veils.
 
     What is behind a veil is shaded by ``paths`` paths. If the lens ``is_open``, hidden twins are
@@ -79,9 +77,7 @@ SHOWN = tuple(field.name for field in dataclasses.fields(Shown))
 """The names of what rays show, which are columns of samples, too."""
 
 
-def _behind(
-    found: Veils, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, paths: int
-) -> Shown:
+def _behind(found: Veils, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, paths: int) -> Shown:
     """What is behind each of the veils ``found`` on rays through (x, y): radiance and alpha."""
     result = Shown.empty(len(found))
     for column in vars(result).values():
@@ -157,10 +153,9 @@ class Part:
             key = np.where(inside, pixel[of] * (int(found.surface.max()) + 1) + veil.surface, -1)
             own[inside] = _means(own, weight[of] * kept * (through[of] + TINY), key)[inside]
             past = 1 / np.maximum(veil.before, 1 / MOST_BEHIND) - through[of]
-            hidden = kept * np.maximum(past, 0)
-            hidden = np.where(inside, _some_for_all(hidden), hidden)
-            shown = _shown(own, veil.z, veil.surface)
-            parts.append(cls(of, shown, through[of] * kept, hidden))
+            shares = [kept * through[of], kept * np.maximum(past, 0)]
+            shares = [np.where(inside, _some_for_all(share, key), share) for share in shares]
+            parts.append(cls(of, _shown(own, veil.z, veil.surface), *shares))
             light[of] = after
             clear = mean >= LEAST_THROUGH
             tint[of] *= np.where(clear, colours.T / np.where(clear, mean, 1), 1).T
@@ -198,11 +193,22 @@ def _no_nearer(found: Veils, z: np.ndarray) -> Veils:
     return dataclasses.replace(found, z=np.maximum(found.z, least))
 
 
-def _some_for_all(shares: np.ndarray) -> np.ndarray:
-    """Shares, (N,), of which those below ``LEAST_TWIN`` are 0 or that: one for several in a row."""
-    small = shares < LEAST_TWIN
-    kept = np.floor(np.cumsum(shares * small) / LEAST_TWIN + 0.5)
-    return np.where(small, LEAST_TWIN * (np.diff(kept, prepend=0) > 0), shares)
+def _some_for_all(shares: np.ndarray, key: np.ndarray) -> np.ndarray:
+    """Shares, (N,), with the same sum over all that have the same key; where they are small some
+    of them are 0, chosen in proportion to their shares.
+    """
+    order = np.argsort(key, kind="stable")
+    own, begins = shares[order], np.diff(key[order], prepend=-2) != 0
+    group = np.cumsum(begins) - 1
+    total, count = np.bincount(group, own), np.bincount(group)
+    number = np.clip(np.rint(total / LEAST_SHARE), 1, count)
+    after = np.cumsum(own)
+    after -= (after - own)[begins][group]
+    each = (number / np.maximum(total, TINY))[group]
+    times = np.floor(after * each + 0.5) - np.floor((after - own) * each + 0.5)
+    result = np.empty_like(shares)
+    result[order] = np.where(number[group] < count[group], times / each, own)
+    return result
 
 
 def _shown(light: np.ndarray, z: np.ndarray, surface: np.ndarray) -> Shown:

@@ -120,10 +120,8 @@ def _depth(extinction: mi.UnpolarizedSpectrum, width: mi.Float) -> mi.Unpolarize
     return dr.select(extinction > 0, extinction * width, 0)
 
 
-def _channel(
-    shares: mi.UnpolarizedSpectrum, sample: mi.Float
-) -> tuple[mi.UInt32, mi.Float]:
-    """A channel that ``sample``, from 0 to 1, chooses in proportion to ``shares``, and its share."""
+def _channel(shares: mi.UnpolarizedSpectrum, sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    """A channel, chosen by ``sample`` in proportion to ``shares``, and its share."""
     left = sample * dr.sum(shares)
     channel = mi.UInt32(0)
     for number in range(len(shares) - 1):
