@@ -138,7 +138,7 @@ def visibility_of_highlights(
     parallax = fragments.vergence * np.float32(radius_per_vergence)
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
     np.maximum.at(nearest, subpixel, parallax)
-    same = parallax > nearest[subpixel] - 1
+    same = _nearest_thing(fragments, parallax)
     depth = np.bincount(subpixel[same], _optical_depth(fragments)[same], width * height)
     parallaxes, depths = jit.Float(nearest), jit.Float(depth)
     end = dr.opaque(jit.Float, float(nearest.max()))
@@ -173,6 +173,23 @@ def visibility_of_highlights(
     way, free = dr.full(jit.Float, start, dr.width(lane)), dr.full(jit.Float, 1, dr.width(lane))
     _, free = dr.while_loop((way, free), lambda way, free: (way < end - own + 1) & (free > 0), step)
     return np.array(_as_byte(free)).reshape(len(highlights), len(points))
+
+
+def _nearest_thing(fragments: Fragments, parallax: np.ndarray) -> np.ndarray:
+    """Which fragments, bool (N,), are of the nearest thing that the pinhole sees in a subpixel.
+
+    It goes on as far as the next fragment is less than a subpixel of ``parallax``, (N,), away.
+    """
+    subpixel = fragments.subpixel
+    result = fragments.gap_in_front == 0
+    size = fragments.width * fragments.height
+    several = result & (np.bincount(subpixel[result], minlength=size)[subpixel] > 1)
+    order = np.flatnonzero(several)[::-1]
+    order = order[np.argsort(subpixel[order], kind="stable")]
+    begins = np.diff(subpixel[order], prepend=-1) != 0
+    apart = np.cumsum(~begins & (np.diff(parallax[order], prepend=0) < -1))
+    result[order] = apart == apart[begins][np.cumsum(begins) - 1]
+    return result
 
 
 def _optical_depth(fragments: Fragments) -> np.ndarray:

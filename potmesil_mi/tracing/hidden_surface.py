@@ -14,13 +14,15 @@ import mitsuba as mi
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
+from ..optics.blur import widest_radius_per_vergence
+from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .lens_rays import LensRays
-from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, is_closed, overscan
+from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
 from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
@@ -123,9 +125,10 @@ def _sampled(
     if sampling.layers > 1:
         _add_hidden(rays, visible, window, widest, sampling.layers)
     if any(rays.veils):
-        is_open = sampling.layers > 1 and not is_closed(widest)
         paths = 1 if visible.lattice == 0 else passes.spp
-        split(visible.buffer, primary, rays, paths, is_open)
+        nearest = float(visible.buffer.columns().z.min())
+        parallax = _parallax(sensor.camera(), widest, nearest) if sampling.layers > 1 else 0.0
+        split(visible.buffer, primary, rays, paths, parallax)
     columns = visible.buffer.columns()
     if any(rays.veils):  # Some samples stand for others, whose weight is 0.
         columns = columns.chosen(columns.weight > 0)
@@ -137,6 +140,16 @@ def _sampled(
         lattice=visible.lattice,
         window=window,
     )
+
+
+def _parallax(camera: Camera, lens: ThinLens | TelecentricLens, nearest: float) -> float:
+    """Pixels by which things move as one looks from the lens's rim, per unit of vergence.
+
+    It may be focused from the depth ``nearest`` on. Of a telecentric lens it is per unit of depth.
+    """
+    if isinstance(lens, TelecentricLens):
+        return float(lens.slope * camera.pixels_per_unit)
+    return float(widest_radius_per_vergence(lens, camera, nearest))
 
 
 def _add_hidden(

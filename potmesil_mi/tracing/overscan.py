@@ -63,7 +63,7 @@ def overscan(rays: PrimaryRays, lens: ThinLens | TelecentricLens, most: int) -> 
     needed, a ``UserWarning`` says how much of what the lens sees is missing.
     """
     crop, lens = rays.crop, lens.plain()
-    if is_closed(lens):
+    if (lens.slope if isinstance(lens, TelecentricLens) else lens.aperture_radius) == 0:
         return crop
     pinhole = _FocusedRays(_grid(crop, DEPTHS), np.zeros((2, 1)), [_Focus(0.0, 0.0, 0.0)])
     depths = np.stack(_met(rays, pinhole))
@@ -90,11 +90,6 @@ def overscan(rays: PrimaryRays, lens: ThinLens | TelecentricLens, most: int) -> 
             stacklevel=4,
         )
     return window
-
-
-def is_closed(lens: ThinLens | TelecentricLens) -> bool:
-    """Whether a lens is a pinhole."""
-    return (lens.slope if isinstance(lens, TelecentricLens) else lens.plain().aperture_radius) == 0
 
 
 def covering(crop: Window, x: np.ndarray, y: np.ndarray, most: int | None) -> tuple[Window, float]:

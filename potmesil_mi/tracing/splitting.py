@@ -37,20 +37,26 @@ some in each pixel stand for all."""
 TINY = 1e-6
 """What counts as good as nothing, and is not 0."""
 
+LEAST_PARALLAX = 0.25
+"""Pixels by which a thing moves before another, as one looks from another point of the lens, before
+it hides it: visibility is found on bins of such a size."""
+
 MOST_BEHIND = 16
 """Most of a medium that is counted behind what is before it: where less than this part of the light
 comes from, as good as nothing is seen."""
 
 
-def split(buffer: SampleBuffer, primary: int, rays: PrimaryRays, paths: int, is_open: bool) -> None:
+def split(
+    buffer: SampleBuffer, primary: int, rays: PrimaryRays, paths: int, parallax: float
+) -> None:
     """Split those of the first ``primary`` samples, of one ray each, that are behind veils.
 
-    What is behind a veil is shaded by ``paths`` paths. If the lens ``is_open``, hidden twins are
-    added.
+    What is behind a veil is shaded by ``paths`` paths. If the lens has a ``parallax``, in pixels
+    per unit of vergence or of an orthographic camera of depth, hidden twins are added.
     """
     columns = buffer.columns()
     x, y = columns.x[:primary], columns.y[:primary]
-    found = veils.met(x, y, rays)
+    found = veils.met(x, y, rays, LEAST_PARALLAX / parallax if parallax > 0 else 0.0)
     if len(found) == 0:
         return
     found = _no_nearer(found, columns.z[:primary])
@@ -66,7 +72,7 @@ def split(buffer: SampleBuffer, primary: int, rays: PrimaryRays, paths: int, is_
         else:
             seen = shares > 0
             buffer.add(x[part.of][seen], y[part.of][seen], part.shown[seen], shares[seen], 0)
-    for place, part in enumerate(parts if is_open else []):
+    for place, part in enumerate(parts if parallax > 0 else []):
         shares = weight[part.of] * part.hidden
         there = shares > 0
         at = part.of[there]
@@ -149,7 +155,7 @@ class Part:
             after = np.concatenate([behind.rgb[here], behind.alpha[here, None]], axis=1)
             kept = 1 - passing[:, -1]
             own = tint[of] * (light[of] - passing * after) / kept[:, None]
-            inside = veil.before < 1
+            inside = veil.inside
             key = np.where(inside, pixel[of] * (int(found.surface.max()) + 1) + veil.surface, -1)
             own[inside] = _means(own, weight[of] * kept * (through[of] + TINY), key)[inside]
             past = 1 / np.maximum(veil.before, 1 / MOST_BEHIND) - through[of]

@@ -54,12 +54,14 @@ class Stretch(NamedTuple):
     ``scattered``                 distance from the ray's origin at which a photon was scattered
                                   or absorbed that did not get through
     ``before``                    mean transmittance up to there
+    ``extinction``                mean extinction there, per scene unit
     ============================  ==========================================================
     """
 
     through: mi.UnpolarizedSpectrum
     scattered: mi.Float
     before: mi.Float
+    extinction: mi.Float
 
     @classmethod
     def of(
@@ -101,18 +103,19 @@ class Stretch(NamedTuple):
         channel, share = _channel(1 - through, place)
         aim = -dr.log(1 - mi.Float(random[0]) * share)
 
-        def seek(step: Any, begin: Any, depth: Any, at: Any) -> tuple[Any, Any, Any, Any]:
+        def seek(step: Any, begin: Any, depth: Any, at: Any, mean: Any) -> tuple[Any, ...]:
             thickness = extinction(begin, step < steps)
             there = begin + (aim - _of(depth, channel)) / _of(thickness, channel)
             after = depth + _depth(thickness, width)
             found = (_of(after, channel) >= aim) | (step + 1 == steps)
             at = dr.clip(dr.select(found, there, begin), begin, begin + width)
             depth = dr.select(found, depth + _depth(thickness, at - begin), after)
-            return dr.select(found, steps, step + 1), begin + width, depth, at
+            mean = dr.mean(thickness)
+            return dr.select(found, steps, step + 1), begin + width, depth, at, mean
 
-        state = *start, mi.Float(near)
-        *_, before, at = dr.while_loop(state, lambda step, *_: meets & (step < steps), seek)
-        return cls(through, at, dr.mean(dr.exp(-before)))
+        state = *start, mi.Float(near), mi.Float(0)
+        *_, before, at, mean = dr.while_loop(state, lambda step, *_: meets & (step < steps), seek)
+        return cls(through, at, dr.mean(dr.exp(-before)), mean)
 
 
 def _depth(extinction: mi.UnpolarizedSpectrum, width: mi.Float) -> mi.UnpolarizedSpectrum:

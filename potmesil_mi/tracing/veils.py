@@ -42,13 +42,14 @@ class Veils:
     ``through``                   float32 (N, 3), transmittance for R, G and B, with that of
                                   panes of glass and the like since the veil before
     ``z``                         float32 (N,), depth; in a medium, of one scattering in it
-    ``before``                    float32 (N,), transmittance of what of a medium is nearer than
-                                  ``z``; 1 of a surface
+    ``before``                    float32 (N,), transmittance of what of a medium may hide what
+                                  is at ``z``; 1 of a surface
     ``surface``                   uint32 (N,), id of the surface, or of the one at which the
                                   medium begins; 0 for none
     ``start``                     float32 (N,), where on the ray the veil has been left, in scene
                                   units from the ray's origin; ``inf`` where it does not end
     ``medium``                    uint32 (N,), index in Dr.Jit's registry of the medium behind it
+    ``inside``                    bool (N,), whether it is a medium
     ============================  ==========================================================
     """
 
@@ -60,6 +61,7 @@ class Veils:
     surface: np.ndarray
     start: np.ndarray
     medium: np.ndarray
+    inside: np.ndarray
 
     def __len__(self) -> int:
         return len(self.of)
@@ -75,10 +77,11 @@ class Veils:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def met(x: np.ndarray, y: np.ndarray, rays: PrimaryRays) -> Veils:
+def met(x: np.ndarray, y: np.ndarray, rays: PrimaryRays, apart: float) -> Veils:
     """The veils of the primary rays through (x, y), at most ``MOST_VEILS`` of each.
 
-    ``x``, ``y`` are float32 (N,) in pixels of the film.
+    ``x``, ``y`` are float32 (N,) in pixels of the film. ``apart`` is by how much the vergence of
+    two things differs, of an orthographic camera their depth, so that one may hide the other.
     """
     spp, parts = rays.passes.spp, []
     for part in track(wavefronts(len(x), MOST_VEILS), LABEL):
@@ -91,7 +94,7 @@ def met(x: np.ndarray, y: np.ndarray, rays: PrimaryRays) -> Veils:
         sampler = rays.passes.sampler
         random = sampler.next_1d(), sampler.next_1d()
         room = dr.zeros(_Met, lanes * MOST_VEILS)
-        _follow(rays, position, random, room)
+        _follow(rays, position, random, dr.opaque(mi.Float, apart), room)
         dr.eval(room)
         index = dr.compress(room.there)
         number, place = np.divmod(np.array(index), MOST_VEILS)
@@ -113,6 +116,7 @@ class _Met:
     surface: mi.UInt32
     start: mi.Float
     medium: mi.UInt32
+    inside: mi.Bool
 
 
 @dataclasses.dataclass
@@ -139,7 +143,11 @@ class _Way:
 
 
 def _follow(
-    rays: PrimaryRays, position: mi.Point2f, random: tuple[mi.Float, mi.Float], room: _Met
+    rays: PrimaryRays,
+    position: mi.Point2f,
+    random: tuple[mi.Float, mi.Float],
+    apart: mi.Float,
+    room: _Met,
 ) -> None:
     """Write the veils of each ray, one after the other, into ``room``."""
     ray = rays.begun_at(position, 0.0)
@@ -160,7 +168,7 @@ def _follow(
         if rays.veils.media:
             turned = [of + mi.Float(way.met) * TURN for of in random]
             turned = [of - dr.floor(of) for of in turned]
-            put(way, *_medium_veil(rays, rest, way, surface, turned))
+            put(way, *_medium_veil(rays, rest, way, surface, turned, apart))
         way.through = dr.select(surface.passes, way.through * surface.through, way.through)
         put(way, surface.veils, surface.veil(rays, way))
         way.active &= surface.passes & (way.met < MOST_VEILS)
@@ -239,6 +247,7 @@ class _Surface:
             surface=rays.surface_of(self.hit),
             start=self.behind,
             medium=dr.reinterpret_array(mi.UInt32, self.medium),
+            inside=mi.Bool(False),
         )
 
 
@@ -248,6 +257,7 @@ def _medium_veil(
     way: _Way,
     surface: _Surface,
     random: list[mi.Float],
+    apart: mi.Float,
 ) -> tuple[mi.Bool, _Met]:
     """Where the medium between here and the next ``surface`` is a veil, and that veil.
 
@@ -260,14 +270,18 @@ def _medium_veil(
     veils = inside & (dr.mean(_rgb(stretch.through)) < 1 - LEAST_THROUGH)
     clear = surface.passes & ~surface.veils
     medium = dr.select(clear, surface.medium, way.medium)
+    z = rays.depth_of(rest(stretch.scattered))
+    # What is nearly as far hides nothing of it, from whatever point of the lens.
+    nearly = stretch.extinction * (apart if rays.parallel else apart * dr.square(z))
     veil = _Met(
         there=mi.Bool(True),
         through=dr.select(clear, through * surface.through, through),
-        z=rays.depth_of(rest(stretch.scattered)),
-        before=stretch.before,
+        z=z,
+        before=dr.minimum(stretch.before * dr.exp(nearly), 1),
         surface=way.bound,
         start=dr.select(clear, surface.behind, surface.ahead),
         medium=dr.reinterpret_array(mi.UInt32, medium),
+        inside=mi.Bool(True),
     )
     way.through = through
     surface.through = dr.select(veils & clear, 1, surface.through)
