@@ -34,6 +34,10 @@ lens point sees them farther apart than that, there is no gap between them."""
 ROUNDING = 1e-6
 """Shares of a subpixel that differ by less are the same."""
 
+DEPTH_STEP = 2.0**-12
+"""Optical depths are multiples of it, so that single precision adds them up without rounding, in
+whatever order threads do so."""
+
 OPAQUE = 16.0
 """Optical depth of what hides all that is behind it."""
 
@@ -220,7 +224,8 @@ def _optical_depth(fragments: Fragments) -> np.ndarray:
     hidden = np.where(visible > 0, 0, hidden)
     opacity = _part_of_rest(visible, begins) + _part_of_rest(hidden, begins)
     result[others] = 0
-    result[others[first]] = -np.log(np.maximum(1 - opacity, math.exp(-OPAQUE)))
+    depth = -np.log(np.maximum(1 - opacity, math.exp(-OPAQUE)))
+    result[others[first]] = np.rint(depth / DEPTH_STEP) * DEPTH_STEP
     return result
 
 
