@@ -22,7 +22,8 @@ import numpy as np
 import scipy.ndimage
 
 from .. import _backend as jit
-from .fragments import BIN_RADIUS, MAX_BINS, SHARE, Fragments
+from .fragments import BIN_RADIUS, MAX_BINS, Fragments
+from .opacity import optical_depth
 
 SLANT_BINS = 2
 """Fragments less than so many bins apart do not cover each other: one slanted surface has them."""
@@ -30,16 +31,6 @@ SLANT_BINS = 2
 CONNECTED_PARALLAX = 0.5
 """Largest difference of parallax, in subpixels, of neighbouring fragments of one surface. Where a
 lens point sees them farther apart than that, there is no gap between them."""
-
-ROUNDING = 1e-6
-"""Shares of a subpixel that differ by less are the same."""
-
-DEPTH_STEP = 2.0**-12
-"""Optical depths are multiples of it, so that single precision adds them up without rounding, in
-whatever order threads do so."""
-
-OPAQUE = 16.0
-"""Optical depth of what hides all that is behind it."""
 
 MAX_STEPS = 128
 """Most steps from near to far in which fragments cover others; a step may have several bins."""
@@ -143,7 +134,7 @@ def visibility_of_highlights(
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
     np.maximum.at(nearest, subpixel, parallax)
     same = _nearest_thing(fragments, parallax)
-    depth = np.bincount(subpixel[same], _optical_depth(fragments)[same], width * height)
+    depth = np.bincount(subpixel[same], optical_depth(fragments)[same], width * height)
     parallaxes, depths = jit.Float(nearest), jit.Float(depth)
     end = dr.opaque(jit.Float, float(nearest.max()))
     count = dr.opaque(jit.UInt32, len(points))
@@ -194,50 +185,6 @@ def _nearest_thing(fragments: Fragments, parallax: np.ndarray) -> np.ndarray:
     apart = np.cumsum(~begins & (np.diff(parallax[order], prepend=0) < -1))
     result[order] = apart == apart[begins][np.cumsum(begins) - 1]
     return result
-
-
-def _optical_depth(fragments: Fragments) -> np.ndarray:
-    """The optical depth of each fragment, float32 (N,).
-
-    Of what the pinhole sees in a subpixel each fragment has a share. Its opacity is its part of
-    what the nearer ones leave: behind all of them nothing is left, and where chance has put fewer
-    samples there is no hole. So it is with what is hidden, but for what is at the depth of what is
-    seen: it is more of that, whose opacity is known.
-    """
-    subpixel, seen = fragments.subpixel, fragments.gap_in_front == 0
-    size = fragments.width * fragments.height
-    result = np.full(len(fragments), OPAQUE, np.float32)
-    # Most subpixels have one fragment, which is opaque. Of the others the nearest comes first.
-    others = np.flatnonzero(np.bincount(subpixel, minlength=size)[subpixel] > 1)[::-1]
-    if len(others) == 0:
-        return result
-    others = others[np.lexsort([~seen[others], -fragments.bin[others], subpixel[others]])]
-    subpixel, seen = subpixel[others], seen[others]
-    share = fragments.values[others, SHARE].astype(np.float64)
-    total = np.bincount(subpixel, share * seen, size)[subpixel]
-    share /= np.where(total > 0, total, 1)
-    # Those of one subpixel and one bin are one thing.
-    begins = np.diff(subpixel, prepend=-1) != 0
-    first = np.flatnonzero(begins | (np.diff(fragments.bin[others], prepend=-1) != 0))
-    visible, hidden = (np.add.reduceat(share * which, first) for which in (seen, ~seen))
-    begins = begins[first]
-    hidden = np.where(visible > 0, 0, hidden)
-    opacity = _part_of_rest(visible, begins) + _part_of_rest(hidden, begins)
-    result[others] = 0
-    depth = -np.log(np.maximum(1 - opacity, math.exp(-OPAQUE)))
-    result[others[first]] = np.rint(depth / DEPTH_STEP) * DEPTH_STEP
-    return result
-
-
-def _part_of_rest(shares: np.ndarray, begins: np.ndarray) -> np.ndarray:
-    """What part each of ``shares`` is of what those before it leave of 1, at most 1, (N,).
-
-    A new sequence of shares begins where ``begins`` is true.
-    """
-    before = np.cumsum(shares) - shares
-    before -= before[begins][np.cumsum(begins) - 1]
-    rest = 1 - before
-    return np.where(shares < rest - ROUNDING, shares / np.maximum(rest, ROUNDING), 1) * (shares > 0)
 
 
 def _may_be_covered(
@@ -309,7 +256,7 @@ class _Covers:
             apart = [by_place[neighbour] - parallax for by_place in (nearest, farthest)]
             apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
             ends.append(np.where(np.abs(apart) <= CONNECTED_PARALLAX, apart, np.float32(0)))
-        return cls(_optical_depth(fragments), *ends)
+        return cls(optical_depth(fragments), *ends)
 
     def chosen(self, mask: np.ndarray) -> _Covers:
         """Those of which ``mask``, bool (N,), is true."""
