@@ -119,8 +119,9 @@ class Compositor:
         If it ``is_sharp``, the parts that were admitted are kept for its moments.
         """
         place = rows.slices_in(Window(0, 0, *self.crop[2:]))
-        np.maximum(light, 0, out=light)
         covered, share = self.covered[place], light[..., SHARE]
+        # A veil's light may be negative in one sample and not in the mean: it is not clipped.
+        np.maximum(share, 0, out=share)
         admitted = (1 - covered) / np.maximum(share, FAINTEST)
         np.clip(admitted, 0, 1, out=admitted)
         admitted[share <= FAINTEST] = 0
@@ -274,7 +275,7 @@ def _sharpened(
             *others, its_share = values_at(image, dr.select(inside, beside, place), channels)
             known = (share > 0.5) & (its_share > 0.5)
             for channel, (value, other) in enumerate(zip(own, others, strict=True)):
-                most = dr.minimum(value, other) * MOST_SHARPENED
+                most = dr.maximum(dr.minimum(value, other), 0) * MOST_SHARPENED
                 moved = dr.clip((other - value) * SUBPIXEL_VARIANCE, -most, most)
                 result[channel] = result[channel] - dr.select(known, moved, 0)
     return [*result, share]

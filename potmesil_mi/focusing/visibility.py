@@ -1,11 +1,13 @@
 """Visibility: which points of the lens see which fragments.
 
 From each lens point the fragments appear shifted by their parallax, and they cover each other from
-the nearest to the farthest. What the nearer ones leave free of a subpixel is what the lens point
-sees of those behind. None of it depends on where the lens is focused.
+the nearest to the farthest. Each lets a part of what is behind it through, 1 less its opacity; what
+all the nearer ones let through is what the lens point sees of those behind. Optical depth is the
+negative logarithm of such a part, so that it adds up. None of it depends on where the lens is
+focused.
 
 The decision for a fragment and a lens point is one line of :func:`_seen_from`:
-``free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)``.
+``free = dr.exp(-dr.gather(jit.Float, depth, place))``.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ import numpy as np
 import scipy.ndimage
 
 from .. import _backend as jit
-from .fragments import BIN_RADIUS, MAX_BINS, SHARE, Fragments
+from .fragments import BIN_RADIUS, MAX_BINS, Fragments
+from .opacity import optical_depth
 
 SLANT_BINS = 2
 """Fragments less than so many bins apart do not cover each other: one slanted surface has them."""
@@ -130,9 +133,9 @@ def visibility_of_highlights(
     parallax = fragments.vergence * np.float32(radius_per_vergence)
     nearest = np.full(width * height, -np.inf, dtype=np.float32)
     np.maximum.at(nearest, subpixel, parallax)
-    same = parallax > nearest[subpixel] - 1
-    share = np.bincount(subpixel[same], _coverage(fragments)[same], width * height)
-    parallaxes, shares = jit.Float(nearest), jit.Float(share)
+    same = _nearest_thing(fragments, parallax)
+    depth = np.bincount(subpixel[same], optical_depth(fragments)[same], width * height)
+    parallaxes, depths = jit.Float(nearest), jit.Float(depth)
     end = dr.opaque(jit.Float, float(nearest.max()))
     count = dr.opaque(jit.UInt32, len(points))
     lane = dr.arange(jit.UInt32, len(highlights) * len(points))
@@ -158,8 +161,8 @@ def visibility_of_highlights(
         place = jit.UInt32(row * wide + column)
         parallax = dr.gather(jit.Float, parallaxes, place, inside) - own
         meets = inside & (dr.abs(parallax - way) <= STEP_PARALLAX)
-        share = dr.gather(jit.Float, shares, place, meets)
-        return way + 1, dr.minimum(free, 1 - dr.minimum(share, 1))
+        depth = dr.gather(jit.Float, depths, place, meets)
+        return way + 1, dr.minimum(free, dr.exp(-depth))
 
     start = SLANT_BINS * BIN_RADIUS + 0.5
     way, free = dr.full(jit.Float, start, dr.width(lane)), dr.full(jit.Float, 1, dr.width(lane))
@@ -167,17 +170,21 @@ def visibility_of_highlights(
     return np.array(_as_byte(free)).reshape(len(highlights), len(points))
 
 
-def _coverage(fragments: Fragments) -> np.ndarray:
-    """How much of its subpixel each fragment covers, float32 (N,).
+def _nearest_thing(fragments: Fragments, parallax: np.ndarray) -> np.ndarray:
+    """Which fragments, bool (N,), are of the nearest thing that the pinhole sees in a subpixel.
 
-    It is the fragment's share of what the pinhole sees in the subpixel. Where chance has put fewer
-    samples there is no hole.
+    It goes on as far as the next fragment is less than a subpixel of ``parallax``, (N,), away.
     """
     subpixel = fragments.subpixel
-    share, first = fragments.values[:, SHARE], fragments.first
-    total = np.bincount(subpixel[first], share[first], fragments.width * fragments.height)
-    total = total[subpixel]
-    return (share / np.where(total > 0, total, 1)).astype(np.float32)
+    result = fragments.first
+    size = fragments.width * fragments.height
+    several = result & (np.bincount(subpixel[result], minlength=size)[subpixel] > 1)
+    order = np.flatnonzero(several)[::-1]
+    order = order[np.argsort(subpixel[order], kind="stable")]
+    begins = np.diff(subpixel[order], prepend=-1) != 0
+    apart = np.cumsum(~begins & (np.diff(parallax[order], prepend=0) < -1))
+    result[order] = apart == apart[begins][np.cumsum(begins) - 1]
+    return result
 
 
 def _may_be_covered(
@@ -207,7 +214,7 @@ def _may_be_covered(
 class _CoverColumns:
     """The columns of :class:`_Covers` as Dr.Jit arrays."""
 
-    share: jit.Float
+    depth: jit.Float
     right: jit.Float
     below: jit.Float
 
@@ -222,13 +229,13 @@ class _Covers:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``share``                     float32 (N,), covered part of a subpixel
+    ``depth``                     float32 (N,), optical depth
     ``right``, ``below``          float32 (N,), parallax in subpixels at the fragment's end less
                                   that at its beginning
     ============================  ==========================================================
     """
 
-    share: np.ndarray
+    depth: np.ndarray
     right: np.ndarray
     below: np.ndarray
 
@@ -249,7 +256,7 @@ class _Covers:
             apart = [by_place[neighbour] - parallax for by_place in (nearest, farthest)]
             apart = np.where(np.abs(apart[0]) < np.abs(apart[1]), *apart)
             ends.append(np.where(np.abs(apart) <= CONNECTED_PARALLAX, apart, np.float32(0)))
-        return cls(_coverage(fragments), *ends)
+        return cls(optical_depth(fragments), *ends)
 
     def chosen(self, mask: np.ndarray) -> _Covers:
         """Those of which ``mask``, bool (N,), is true."""
@@ -329,10 +336,10 @@ class _FromPoint(NamedTuple):
         return self.point * dr.opaque(jit.UInt32, frame.size) + row
 
 
-def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
-    """Add to ``covered`` what fragments cover of the subpixels in which the points see them."""
+def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
+    """Add that of fragments to the optical ``depth`` of subpixels in which the points see them."""
     columns = covers.on_device
-    share, right_end, below_end = (
+    own, right_end, below_end = (
         dr.gather(jit.Float, getattr(columns, field.name), seen.fragment)
         for field in dataclasses.fields(columns)
     )
@@ -348,7 +355,7 @@ def _cover(covered: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame)
         (place + down, below),
         (place + down + 1, right & below),
     ):
-        dr.scatter_add(covered, share, target, active, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(depth, own, target, active, mode=dr.ReduceMode.Direct)
 
 
 def _seen_from(
@@ -357,14 +364,14 @@ def _seen_from(
     """What each point sees of each fragment of ``behind``, uint8 (N, M).
 
     From the nearest step to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
-    bins nearer than a step's are added to what is covered, then those of the step are looked up.
+    bins nearer than a step's are added to the optical depth, then those of the step are looked up.
     """
     count = len(points)
     on_device = (
         jit.Float(np.ascontiguousarray(points[:, 0])),
         jit.Float(np.ascontiguousarray(points[:, 1])),
     )
-    covered = dr.zeros(jit.Float, frame.size * count)
+    depth = dr.zeros(jit.Float, frame.size * count)
     seen = dr.zeros(jit.UInt8, behind.count * count)
     if behind.count == 0:
         return np.array(seen).reshape(0, count)
@@ -374,15 +381,15 @@ def _seen_from(
         nearer = before.part(range(bin_ + step - 1 + SLANT_BINS, added))
         added = bin_ + step - 1 + SLANT_BINS
         if nearer[0] < nearer[1]:
-            _cover(covered, before.from_points(nearer, on_device), covers, frame)
+            _cover(depth, before.from_points(nearer, on_device), covers, frame)
         here = behind.part(range(bin_, bin_ + step))
         if here[0] < here[1]:
             place = behind.from_points(here, on_device).place(frame)
-            free = 1 - dr.minimum(dr.gather(jit.Float, covered, place), 1)
+            free = dr.exp(-dr.gather(jit.Float, depth, place))
             lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, _as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
-            # What still refers to the covered subpixels makes Dr.Jit copy them all before the next
+            # What still refers to the optical depths makes Dr.Jit copy them all before the next
             # step adds to them.
             del free
     return np.array(seen).reshape(behind.count, count)

@@ -127,9 +127,17 @@ class PointSamples(Columns):
 
     @functools.cached_property
     def spp(self) -> int:
-        """Samples of what the pinhole sees in a pixel of the crop window: mean, rounded down."""
+        """Primary rays in a pixel of the crop window: mean, rounded down.
+
+        What a ray sees behind half-transparent things are several samples, of one position.
+        """
         own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
-        return int(np.count_nonzero(own)) // self.crop_window.size
+        x, y, weight = self.x[own], self.y[own], self.weight[own]
+        count = len(x)
+        if count > 0 and weight.min() < weight.max():
+            places = x.view(np.uint32).astype(np.uint64) << np.uint64(32) | y.view(np.uint32)
+            count = len(np.unique(places))
+        return count // self.crop_window.size
 
     @property
     def visibility_points(self) -> np.ndarray:

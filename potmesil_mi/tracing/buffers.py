@@ -142,6 +142,13 @@ class SampleBuffer:
         memory.weight[part], memory.layer[part] = weight, layer
         self._count = end
 
+    def put(self, which: np.ndarray, shown: Shown, weight: np.ndarray) -> None:
+        """Overwrite the samples ``which``, int (N,), with others of the same positions."""
+        memory = self._memory
+        memory.rgb[which], memory.alpha[which] = shown.rgb, shown.alpha
+        memory.z[which], memory.surface[which] = shown.z, shown.surface
+        memory.weight[which] = weight
+
     def columns(self) -> Columns:
         """The samples so far, in the buffer's own memory."""
         return Columns(**{name: array[: self._count] for name, array in self._arrays()})

@@ -15,12 +15,15 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
+from ..optics.blur import widest_radius_per_vergence
+from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .lens_rays import LensRays
+from .onward import has_specular
 from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
 from .patterns import VisibleSamples, sample_visible
@@ -30,7 +33,11 @@ from .sampling import Sampling
 from .seen_through import SeenThrough, seen_elsewhere, seen_through
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
-from .virtual_depth import has_specular
+from .splitting import split
+from .transmission import VeilKinds, veil_kinds
+
+SAME_DEPTH = 1e-5
+"""Ratio, less 1, of depths of one thing that was traced twice."""
 
 
 @runtime_checkable
@@ -101,7 +108,10 @@ def _sampled(
     ids, surfaces = surface_ids(scene)
     follows_windows = sampling.virtual_depth and has_specular(scene)
     crop = _crop_window(sensor.film())
-    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows)
+    veils = VeilKinds(False, False)
+    if sampling.virtual_depth:
+        veils = veil_kinds(scene, sensor, integrator)
+    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows, veils)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):
@@ -139,30 +149,61 @@ def _with_hidden(
 
     Also returns the half-widths of that lens.
     """
-    buffer = visible.buffer
-    first, start = buffer.columns(), np.zeros(len(buffer.columns()), np.float32)
-    lens = LensRays.of(rays, widest, float(first.z.min()))
+    buffer, paths = visible.buffer, 1 if visible.lattice == 0 else rays.passes.spp
+    first, start = buffer.columns(), np.empty(0, np.float32)
+    primary, nearest = len(first), float(first.z.min())
+    lens = LensRays.of(rays, widest, nearest)
     windows = rays.follows_windows and not lens.telecentric and min(lens.radius) > 0
-    seen = seen_through(first.x, first.y, start, rays, lens) if windows else None
+    seen = None
+    if windows:
+        seen = seen_through(first.x, first.y, np.zeros(primary, np.float32), rays, lens)
     if layers > 1:
         chosen = _may_hide(rays, first, seen, window, widest)
         if len(chosen) > 0:
-            paths = 1 if visible.lattice == 0 else rays.passes.spp
             start = add_hidden(buffer, chosen, rays, lens, layers, paths)
+    if any(rays.veils):
+        parallax = _parallax(rays.sensor.camera(), widest, nearest) if layers > 1 else 0.0
+        split(buffer, primary, rays, paths, parallax)
     columns = buffer.columns()
-    if seen is None or not seen.through.any():
-        return columns, lens.radius
-    if len(columns) > len(first):
-        hidden = columns.chosen(np.arange(len(first), len(columns)))
-        seen = seen.followed_by(seen_through(hidden.x, hidden.y, start, rays, lens))
+    if seen is not None and seen.through.any():
+        columns = _with_windows(columns, seen, start, rays, lens)
+        if layers > 1 and visible.lattice == 0:
+            columns = Columns.joined([columns, *seen_elsewhere(rays, lens, window, columns)])
+    if any(rays.veils):  # Some samples stand for others, whose weight is 0.
+        columns = columns.chosen(columns.weight > 0)
+    return columns, lens.radius
+
+
+def _with_windows(
+    columns: Columns, first: SeenThrough, start: np.ndarray, rays: PrimaryRays, lens: LensRays
+) -> Columns:
+    """``columns`` with what they are seen through, and which points of the ``lens`` see them.
+
+    ``first`` tells it of the samples that come first. The next begin at ``start`` on their rays,
+    and what is behind those are parts of rays that veils have split.
+    """
+    rest = columns.chosen(np.arange(len(first.through), len(columns)))
+    begins = np.zeros(len(rest), np.float32)
+    begins[: len(start)] = start
+    seen = first.followed_by(seen_through(rest.x, rest.y, begins, rays, lens))
+    # A veil before a window is not seen through it.
+    apart = (seen.through > 0) & ~np.isclose(columns.z, seen.depth, rtol=SAME_DEPTH, atol=0)
+    seen.through[apart] = seen.visibility[apart] = 0
     # The pinhole does see what is visible; of the rest there may be what is out of sight.
     unseen = (seen.through > 0) & (seen.visibility == 0)
     seen.visibility[unseen & (columns.layer == 0)] = 1
     columns = dataclasses.replace(columns, through=seen.through, visibility=seen.visibility)
-    columns = columns.chosen(~unseen | (columns.layer == 0))
-    if layers > 1 and visible.lattice == 0:
-        columns = Columns.joined([columns, *seen_elsewhere(rays, lens, window, columns)])
-    return columns, lens.radius
+    return columns.chosen(~unseen | (columns.layer == 0))
+
+
+def _parallax(camera: Camera, lens: ThinLens | TelecentricLens, nearest: float) -> float:
+    """Pixels by which things move as one looks from the lens's rim, per unit of vergence.
+
+    It may be focused from the depth ``nearest`` on. Of a telecentric lens it is per unit of depth.
+    """
+    if isinstance(lens, TelecentricLens):
+        return float(lens.slope * camera.pixels_per_unit)
+    return float(widest_radius_per_vergence(lens, camera, nearest))
 
 
 def _may_hide(

@@ -66,10 +66,13 @@ def overscan(rays: PrimaryRays, lens: ThinLens | TelecentricLens, most: int) -> 
     if (lens.slope if isinstance(lens, TelecentricLens) else lens.aperture_radius) == 0:
         return crop
     pinhole = _FocusedRays(_grid(crop, DEPTHS), np.zeros((2, 1)), [_Focus(0.0, 0.0, 0.0)])
-    depths = _met(rays, pinhole)
+    depths = np.stack(_met(rays, pinhole))
     points = _lens_points() / np.array([[lens.squeeze], [1.0]])
     lens_rays = _FocusedRays(_pixels(crop), points, _foci(lens, depths))
-    x, y = _landed(lens_rays, _met(rays, lens_rays), depths, lens, rays.sensor.camera())
+    every = [
+        _landed(lens_rays, of, depths, lens, rays.sensor.camera()) for of in _met(rays, lens_rays)
+    ]
+    x, y = np.concatenate(every, axis=1)
     window, missing = covering(crop, x, y, max(most * crop.size, SMALL_WINDOW))
     if missing > 0:
         needed, _ = covering(crop, x, y, None)
@@ -174,8 +177,11 @@ def _foci(lens: ThinLens | TelecentricLens, depths: np.ndarray) -> list[_Focus]:
     return foci
 
 
-def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> np.ndarray:
-    """The depths of what rays of the lens meet first, float64 (F, N, M); ``inf`` for nothing."""
+def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> list[np.ndarray]:
+    """The depths of what rays of the lens show, float64 (F, N, M); ``inf`` for nothing.
+
+    Where there are veils, also the depths of what the rays meet first.
+    """
     camera, to_world = rays.sensor.camera(), rays.sensor.world_transform()
     left, up, axis = rays.axes()
     pixels, points, foci = lens_rays.pixels, lens_rays.points, np.array(lens_rays.foci).T
@@ -202,7 +208,10 @@ def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> np.ndarray:
     lens_ray.o = at_lens + start * point + near * per_depth
     lens_ray.d = per_depth / length
     lens_ray.maxt = dr.opaque(mi.Float, camera.far_clip - camera.near_clip) * length
-    return np.array(rays.visible(lens_ray).depth).astype(np.float64).reshape(shape)
+    visible = rays.visible(lens_ray)
+    depths = [visible.depth, *([rays.depth(visible.first)] if any(rays.veils) else [])]
+    dr.eval(depths)
+    return [np.array(depth).astype(np.float64).reshape(shape) for depth in depths]
 
 
 def _on_device(column: np.ndarray) -> mi.Float:

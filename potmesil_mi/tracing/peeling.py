@@ -203,7 +203,7 @@ def _follow(
     ray_index = dr.arange(mi.UInt32, dr.width(number))
 
     def step(active: mi.Bool, start: mi.Float, met: mi.UInt32) -> tuple[Any, Any, Any]:
-        ray = primary(position, start, rays)
+        ray = rays.begun_at(position, start)
         visible = rays.visible(ray)
         goes_on, passed = _passed(ray, start, visible)
         place = dr.scatter_inc(count, mi.UInt32(0), active)
@@ -217,16 +217,9 @@ def _follow(
     dr.while_loop(state, lambda active, *_: active, step, mode="symbolic")
 
 
-def primary(position: mi.Point2f, start: mi.Float | float, rays: PrimaryRays) -> mi.Ray3f:
-    """The rest of primary rays, from ``start`` on."""
-    ray = mi.Ray3f(rays.through(position, mi.Float(0.5), rays.sensor.shutter_open())[0])
-    ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
-    return ray
-
-
 def _behind_first(position: mi.Point2f, z: mi.Float, rays: PrimaryRays) -> tuple[mi.Bool, mi.Float]:
     """Which rays go on behind what they show first, at the depths ``z``, and from where on."""
-    ray = primary(position, 0.0, rays)
+    ray = rays.begun_at(position, 0.0)
     if rays.follows_windows:  # The depth may be that of an image.
         return _passed(ray, mi.Float(0), rays.visible(ray))
     distance = rays.distance(ray, z)
@@ -295,9 +288,7 @@ def shaded(hidden: Hidden, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, path
     """
 
     def trace(position: mi.Point2f, start: mi.Float, z: mi.Float, surface: mi.UInt32) -> Traced:
-        ray, weight = rays.sampled(position)
-        ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
-        return rays.shaded(ray, weight, z, surface)
+        return rays.trace_from(position, start, z, surface, rays.sensor.get_medium())
 
     columns = hidden.start, hidden.z, hidden.surface
     return rays.passes.averaged(x, y, trace, LABEL, *columns, paths=paths)

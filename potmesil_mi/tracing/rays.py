@@ -12,10 +12,12 @@ import mitsuba as mi
 from ..samples.raster import Window
 from .buffers import Traced
 from .clearance import ray_from
+from .onward import may_pass_straight, passes_straight
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
-from .virtual_depth import Visible, may_pass_straight, passes_straight, trace_visible
+from .transmission import VeilKinds
+from .virtual_depth import Visible, trace_visible
 
 UNITS = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """The axes of a camera as Mitsuba has them."""
@@ -37,6 +39,7 @@ class PrimaryRays:
     ``surfaces``                  ids of surfaces by index in Dr.Jit's registry; see
                                   :func:`potmesil_mi.tracing.shapes.surface_ids`
     ``follows_windows``           whether depth is that of images in mirrors and glass
+    ``veils``                     whether there are veils, whose samples are told apart
     ============================  ==========================================================
     """
 
@@ -47,6 +50,7 @@ class PrimaryRays:
     crop: Window
     surfaces: mi.UInt32
     follows_windows: bool
+    veils: VeilKinds
 
     def trace(self, position: mi.Point2f) -> Traced:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
@@ -56,7 +60,24 @@ class PrimaryRays:
         """
         ray, ray_weight = self.sampled(position)
         visible = self.visible(mi.Ray3f(ray))
-        return self.shaded(ray, ray_weight, visible.depth, self.surface_of(visible.hit))
+        surface, medium = self.surface_of(visible.hit), self.sensor.get_medium()
+        return self.shaded(ray, ray_weight, visible.depth, surface, medium)
+
+    def trace_from(
+        self,
+        position: mi.Point2f,
+        start: mi.Float,
+        depth: mi.Float,
+        surface: mi.UInt32,
+        medium: mi.Medium | None,
+    ) -> Traced:
+        """Radiance of the rest of the rays through ``position``, from the distance ``start`` on.
+
+        It has the ``depth`` and the ``surface`` that are given; the ray begins in a ``medium``.
+        """
+        ray, ray_weight = self.sampled(position)
+        _begin_at(ray, start)
+        return self.shaded(ray, ray_weight, depth, surface, medium)
 
     def sampled(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """The ray through ``position`` and its weight; the sampler gives time and wavelengths."""
@@ -78,6 +99,12 @@ class PrimaryRays:
         )
         ray.scale_differential(dr.rsqrt(mi.ScalarFloat(self.passes.spp)))
         return ray, weight
+
+    def begun_at(self, position: mi.Point2f, start: mi.Float | float) -> mi.Ray3f:
+        """The rest of the rays through ``position``, from the distance ``start`` on."""
+        ray = mi.Ray3f(self.through(position, mi.Float(0.5), self.sensor.shutter_open())[0])
+        _begin_at(ray, start)
+        return ray
 
     def visible(self, ray: mi.Ray3f) -> Visible:
         """What a primary ray shows first: in a mirror or behind glass, if these are followed.
@@ -104,13 +131,13 @@ class PrimaryRays:
 
     def depth(self, hit: mi.SurfaceInteraction3f) -> mi.Float:
         """Depth of a hit, along the camera's axis; ``inf`` where nothing was hit."""
-        return dr.select(hit.is_valid(), self._depth_of(hit.p), dr.inf)
+        return dr.select(hit.is_valid(), self.depth_of(hit.p), dr.inf)
 
     def distance(self, ray: mi.Ray3f, depth: mi.Float) -> mi.Float:
         """How far along a primary ray a ``depth`` is, in scene units from the ray's origin."""
-        return (depth - self._depth_of(ray.o)) / self._along_axis(ray.d)
+        return (depth - self.depth_of(ray.o)) / self._along_axis(ray.d)
 
-    def _depth_of(self, point: mi.Point3f) -> mi.Float:
+    def depth_of(self, point: mi.Point3f) -> mi.Float:
         """Depth of a point of the world."""
         return self._along_axis(point - self.sensor.world_transform() @ mi.Point3f(0))
 
@@ -131,14 +158,18 @@ class PrimaryRays:
         ray_weight: mi.Spectrum,
         depth: mi.Float,
         surface: mi.UInt32,
+        medium: mi.Medium | None,
     ) -> Traced:
-        """Radiance along ``ray``, with ``depth`` and ``surface`` of what it shows."""
+        """Radiance along ``ray``, with ``depth`` and ``surface`` of what it shows.
+
+        The ray begins in a ``medium``, or in none.
+        """
         radiance, valid, _ = mi.SamplingIntegrator.sample(
             self.integrator,
             self.scene,
             self.passes.sampler,
             ray,
-            self.sensor.get_medium(),
+            medium,
             mi.Bool(True),
         )
         return Traced(
@@ -191,6 +222,11 @@ class PrimaryRays:
 
         state = (self._is_left_out(hit), hit)
         return dr.while_loop(state, lambda active, _: active, step)[1]
+
+
+def _begin_at(ray: mi.Ray3f, start: mi.Float | float) -> None:
+    """Move the origin of ``ray`` by the distance ``start`` along it; the end stays."""
+    ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
 
 
 def _to_rgb(radiance: mi.Spectrum, wavelengths: mi.Spectrum) -> mi.Color3f:

@@ -26,7 +26,7 @@ from .buffers import Shown, to_host
 from .lens_rays import TURN, LensRays
 from .passes import wavefronts
 from .patterns import sampler_cells
-from .peeling import cells_of, primary
+from .peeling import cells_of
 from .rays import PrimaryRays
 from .virtual_depth import Visible
 from .windows import Chain, meets_end
@@ -58,10 +58,14 @@ ALL = 2**VISIBILITY_POINTS - 1
 
 
 class SeenThrough(NamedTuple):
-    """The columns ``through`` and ``visibility`` of samples, float32 and uint64, (N,) each."""
+    """The columns ``through`` and ``visibility`` of samples, and the ``depth`` of the images.
+
+    They are float32, uint64 and float32, (N,) each.
+    """
 
     through: np.ndarray
     visibility: np.ndarray
+    depth: np.ndarray
 
     def followed_by(self, other: SeenThrough) -> SeenThrough:
         """Those of these samples and then those of ``other``."""
@@ -74,25 +78,27 @@ def seen_through(
     """Through what primary rays show what they do, and which points of the ``lens`` see that.
 
     ``x``, ``y``, float32 (N,), are the rays' positions in pixels of the film, and ``start`` where
-    on them they begin, in scene units. Of what is seen directly both are 0.
+    on them they begin, in scene units. Of what is seen directly all of it is 0.
     """
     through, visibility = np.zeros(len(x), np.float32), np.zeros(len(x), np.uint64)
+    depth = np.zeros(len(x), np.float32)
     for part in track(wavefronts(len(x), 1), LABEL):
         place = (from_numpy(mi.Float, column[part]) for column in (x, y, start))
         at_x, at_y, begins = place
-        ray = primary(mi.Point2f(at_x, at_y), begins, rays)
+        ray = rays.begun_at(mi.Point2f(at_x, at_y), begins)
         visible = rays.visible(ray)
         image = _Image.of(ray, visible, rays)
-        through_window, depth = visible.through_window, rays.depth(visible.first)
-        dr.eval(through_window, depth, image)
+        through_window, first = visible.through_window, rays.depth(visible.first)
+        dr.eval(through_window, first, visible.depth, image)
         index = dr.compress(through_window)
         if dr.width(index) == 0:
             continue
         there = np.array(index).astype(np.int64) + part.start
-        through[there] = np.array(dr.gather(mi.Float, depth, index))
+        through[there] = np.array(dr.gather(mi.Float, first, index))
+        depth[there] = np.array(dr.gather(mi.Float, visible.depth, index))
         cell = cells_of(x[there], y[there], CELL_SAMPLES)
         visibility[there] = _visibility(dr.gather(_Image, image, index), cell, lens)
-    return SeenThrough(through, visibility)
+    return SeenThrough(through, visibility, depth)
 
 
 def seen_elsewhere(
@@ -240,7 +246,7 @@ class _Finder:
             dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
         )
         nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
-        traced = self.rays.shaded(ray, weight, *nothing)
+        traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
         return to_host(traced)[0][:count]
 
 

@@ -40,12 +40,19 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
 
 
 def bsdf_flags(scene: mi.Scene) -> np.ndarray:
-    """The flags of the BSDFs of the scene's shapes, and of those that instances are made of.
+    """The flags of the BSDFs of :func:`every_shape`."""
+    return np.array(every_shape(scene).bsdf().flags())
+
+
+def every_shape(scene: mi.Scene) -> mi.ShapePtr:
+    """The scene's shapes, and those that instances are made of.
 
     Instances do not tell their shapes, which come before them in Dr.Jit's registry: where there
     are instances, shapes of other scenes may be among the result.
     """
-    return np.array(_bsdfs(scene).flags())
+    if any(shape.class_name() == "Instance" for shape in scene.shapes()):
+        return dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
+    return scene.shapes_dr()
 
 
 def bsdf_alphas(scene: mi.Scene) -> np.ndarray | None:
@@ -53,9 +60,9 @@ def bsdf_alphas(scene: mi.Scene) -> np.ndarray | None:
 
     Returns float32 by index in Dr.Jit's registry of BSDFs, with 0 for other BSDFs, and ``None``
     where there is no such one. Of textures, and of nested BSDFs, it is the mean. Shapes are those
-    of :func:`bsdf_flags`.
+    of :func:`every_shape`.
     """
-    kinds, bsdfs = mi.BSDFFlags, _bsdfs(scene)
+    kinds, bsdfs = mi.BSDFFlags, every_shape(scene).bsdf()
     flags, indices = (np.array(each) for each in (bsdfs.flags(), _registered(bsdfs)))
     glossy = (flags & (int(kinds.GlossyReflection) | int(kinds.GlossyTransmission))) != 0
     glossy &= (flags & (int(kinds.Diffuse) | int(kinds.Delta1D))) == 0
@@ -85,14 +92,6 @@ def alpha_at(hit: mi.SurfaceInteraction3f, alphas: mi.Float, active: mi.Bool) ->
 def _registered(pointers: Any) -> mi.UInt32:
     """Indices of instances in Dr.Jit's registry."""
     return dr.reinterpret_array(mi.UInt32, pointers)
-
-
-def _bsdfs(scene: mi.Scene) -> mi.BSDFPtr:
-    """The BSDFs that :func:`bsdf_flags` tells of."""
-    shapes = scene.shapes_dr()
-    if any(shape.class_name() == "Instance" for shape in scene.shapes()):
-        shapes = dr.reinterpret_array(mi.ShapePtr, dr.arange(mi.UInt32, _indices(scene).max() + 1))
-    return shapes.bsdf()
 
 
 def _indices(scene: mi.Scene) -> np.ndarray:

@@ -12,8 +12,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .clearance import ray_from
+from .onward import may_go_on, onward_from
 from .shapes import registry_index
-from .virtual_depth import BOUNCES, Visible, may_go_on, onward_from
+from .virtual_depth import BOUNCES, Visible
 
 
 @dataclasses.dataclass
@@ -129,7 +130,7 @@ def _step(scene: mi.Scene, walk: _Walk, chain: Chain) -> _Walk:
     """The rays at what they meet next."""
     here = walk.hit
     reflects = ((chain.lobes >> walk.turns) & 1) == 1
-    onward = onward_from(here, walk.active, reflects=reflects)
+    onward = onward_from(here, walk.active, walk.turns > 0, reflects=reflects)
     turns = onward.turns & (walk.turns < chain.turns)
     goes = onward.straight | turns
     direction = dr.select(turns, onward.direction, walk.ray.d)

@@ -93,6 +93,34 @@ def test_turned_points_are_spread_like_a_disc_too():
 # ---------------------------------------------------------------- what points see
 
 
+def test_veils_let_through_their_parts_one_after_the_other_and_nothing_past_their_edges():
+    """Two veils, the nearer in the left half: of each what the pinhole sees, and what it hides."""
+    x, y = (axis.ravel() + 0.5 for axis in np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])))
+    before = np.where(left(x, y), 0.4, 1.0)
+    parts = [(1.0, 1 - before, 0), (2.0, 0.5 * before, 0), (2.0, 0.5 * (1 - before), 1)]
+    parts += [(4.0, 0.5 * before, 0), (4.0, 1 - 0.5 * before, 1)]
+    columns = [
+        (x[w > 0], y[w > 0], np.full((w > 0).sum(), z), w[w > 0], np.full((w > 0).sum(), layer))
+        for z, w, layer in parts
+    ]
+    x, y, z, weight, layer = (np.concatenate(column) for column in zip(*columns, strict=True))
+    samples = synthetic(len(x), size=SIZE, x=x, y=y, z=z, weight=weight, layer=layer)
+    scale = 8.0
+    fragments, points = gather(samples, 1, scale), lens_points(32)
+    coverable, seen = visibility(fragments, scale, points)
+    behind = fragments.chosen(coverable)
+    for z, veils in ((2.0, [1.0]), (4.0, [1.0, 2.0])):
+        these = np.isclose(behind.vergence, 1 / z)
+        parallaxes = [scale * (1 / veil - 1 / z) for veil in veils]
+        sees, from_edge, inside = analytic(behind, points, parallaxes[0])
+        for parallax in parallaxes[1:]:
+            inside &= analytic(behind, points, parallax)[2]
+        expected = np.where(sees, 1, 0.4) * (0.5 if z == 4 else 1)
+        clear = these[:, None] & inside & (from_edge > 1)
+        assert clear.sum() > 1000
+        np.testing.assert_allclose(seen[clear] / 255, expected[clear], atol=3e-3)
+
+
 @pytest.mark.parametrize("parallax", [2.0, 5.0, 11.0])
 def test_behind_a_half_plane_points_see_what_geometry_lets_them(half_plane, parallax):
     scale = parallax / (1 - 1 / 4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from specular import GLASS, MIRROR, WALL, N, ball, cube, fan, loaded, looked_at, plane, visible_in
 
-from potmesil_mi.tracing.virtual_depth import DULL, has_specular
+from potmesil_mi.tracing.onward import DULL, has_specular
 from potmesil_mi.tracing.windows import Chain, meets_end
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
