@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import scipy.ndimage
+import scipy.optimize
 
 from .._backend import from_numpy
 from .._progress import track
@@ -44,7 +45,7 @@ the film is seen by all."""
 
 TRIED_IN_A_PIXEL = 256
 """So many are tried by all samples of a pixel in the other cells, others by each in turn, and
-``FEW_POINTS`` by each at least. What a point sees that is not tried is what the nearest sees."""
+``FEW_POINTS`` by each at least. What a point sees that is not tried is what one near it sees."""
 
 CELL_SAMPLES = 64
 """Samples, at least, of such a cell on the average."""
@@ -313,9 +314,9 @@ def _tried(rays: PrimaryRays) -> int:
 
 
 def _bits(image: _Image, number: mi.UInt32, lens: LensRays, count: int) -> mi.UInt64:
-    """Which points of the lens see each image, from ``count`` of them: of others, as the nearest.
+    """Which points of the lens see each image: ``count`` are tried, others see what these do.
 
-    Of which is told by the ``number`` of the image: that of a point of the lens is one of its own.
+    The ``number`` of the image tells which: that of a point of the lens is one of those tried.
     """
     u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
     stride = VISIBILITY_POINTS // count
@@ -336,16 +337,16 @@ def _bits(image: _Image, number: mi.UInt32, lens: LensRays, count: int) -> mi.UI
 
 @functools.cache
 def _groups(stride: int) -> np.ndarray:
-    """For each point of the lens the bits of those next to it, uint64 (64,).
+    """For each point of the lens the bits of as many that are near it, uint64 (64,).
 
-    They are those to which it is nearer than others of each ``stride``-th point, itself one.
+    Each ``stride``-th point stands for that many, so that all of them count the same.
     """
     points, groups = lens_points(VISIBILITY_POINTS), np.zeros(VISIBILITY_POINTS, np.uint64)
     for first in range(stride):
-        chosen = points[first::stride]
-        nearest = np.argmin(((points[:, None] - chosen) ** 2).sum(axis=-1), axis=1)
-        bits = np.uint64(1) << np.arange(VISIBILITY_POINTS, dtype=np.uint64)
-        np.bitwise_or.at(groups, first + stride * nearest, bits)
+        chosen = np.repeat(np.arange(first, VISIBILITY_POINTS, stride), stride)
+        apart = ((points[:, None] - points[chosen]) ** 2).sum(axis=-1)
+        point, place = scipy.optimize.linear_sum_assignment(apart)
+        np.bitwise_or.at(groups, chosen[place], np.uint64(1) << point.astype(np.uint64))
     return groups
 
 

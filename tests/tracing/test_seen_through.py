@@ -124,14 +124,14 @@ def test_what_the_pinhole_does_not_see_of_an_image_is_found_as_densely_as_what_i
 
 @pytest.mark.parametrize("method", ["layered", "lightfield"])
 @pytest.mark.parametrize(
-    ("window", "wall"),
+    ("window", "depth", "wall"),
     [
-        (lambda: plane(1, size=0.2, bsdf=PLAIN), lambda: lamp(-5, facing=1)),
-        (lambda: cube(1, 0.01, bsdf=TINTED, size=0.2), lambda: lamp(FOCUS, size=9)),
+        (lambda: plane(1, size=0.2, bsdf=PLAIN), 1.0, lambda: lamp(-5, facing=1)),
+        (lambda: cube(1, 0.01, bsdf=TINTED, size=0.2), 0.99, lambda: lamp(FOCUS, size=9)),
     ],
     ids=["mirror", "slab"],
 )
-def test_the_rim_is_blurred_by_its_own_depth(window, wall, method):
+def test_the_rim_is_blurred_by_its_own_depth(window, depth, wall, method):
     # Only the mirror shows light, or the slab takes most of it.
     scene = scene_of(spp=64, window=window(), wall=wall())
     samples = pm.render_samples(scene)
@@ -139,8 +139,8 @@ def test_the_rim_is_blurred_by_its_own_depth(window, wall, method):
     profile = picture[SIZE // 2 - 6 : SIZE // 2 + 6].mean(axis=0)
     inside, beyond = profile[SIZE // 2 - 4 : SIZE // 2 + 4].mean(), profile[:4].mean()
     # The edge at the depth of the window, seen by each point of the lens in another place.
-    middle = SIZE / 2 - 0.2 / 0.99 * samples.camera.focal_length_pixels
-    blur = RADIUS * samples.camera.focal_length_pixels * (1 / 0.99 - 1 / FOCUS)
+    middle = SIZE / 2 - 0.2 / depth * samples.camera.focal_length_pixels
+    blur = RADIUS * samples.camera.focal_length_pixels * (1 / depth - 1 / FOCUS)
     across = (np.arange(SIZE // 2) + 0.5 - middle) / blur
     share = Disc().corner_area(across, np.ones_like(across)) / np.pi
     # The edge is upright: it passes several of the 64 points of the lens at once.
