@@ -209,7 +209,10 @@ def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> list[np.ndarray]:
     lens_ray.d = per_depth / length
     lens_ray.maxt = dr.opaque(mi.Float, camera.far_clip - camera.near_clip) * length
     visible = rays.visible(lens_ray)
-    depths = [visible.depth, *([rays.depth(visible.first)] if any(rays.veils) else [])]
+    # Images before glass are all over the place: they count as if they were in it.
+    first = rays.depth(visible.first)
+    image = dr.select(visible.through_window, dr.maximum(visible.depth, first), visible.depth)
+    depths = [image, *([first] if any(rays.veils) else [])]
     dr.eval(depths)
     return [np.array(depth).astype(np.float64).reshape(shape) for depth in depths]
 

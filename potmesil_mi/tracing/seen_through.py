@@ -50,6 +50,9 @@ TRIED_IN_A_PIXEL = 256
 CELL_SAMPLES = 64
 """Samples, at least, of such a cell on the average."""
 
+MOST_SHIFTED = 0.95
+"""How far images are shifted that are sought: as far as this part of those that are known."""
+
 FINDERS = 2
 """Rays by which what the pinhole does not see is looked for, for each of its samples. Most find
 nothing new, and are not shaded."""
@@ -113,7 +116,7 @@ def seen_elsewhere(
     """
     assert columns.through is not None
     images = columns.through > 0
-    vergence = float(np.average(1 / columns.z[images], weights=columns.weight[images]))
+    vergence = float(np.median(1 / columns.z[images]))
     each = FINDERS * rays.passes.spp
     finder = _Finder(rays, lens, window, vergence)
     around = _around(window, lens, columns)
@@ -141,7 +144,7 @@ def _around(window: Window, lens: LensRays, columns: Columns) -> np.ndarray:
     found[window.pixel_of(columns.x[partly], columns.y[partly])] = True
     if not found.any():
         return found.reshape(window.shape)
-    apart = np.abs(1 / columns.through[partly] - 1 / columns.z[partly]).max()
+    apart = np.quantile(np.abs(1 / columns.through[partly] - 1 / columns.z[partly]), MOST_SHIFTED)
     parallax = apart * max(lens.radius) * lens.rays.sensor.camera().focal_length_pixels
     reach = math.ceil(min(parallax, max(window.shape))) + 1
     return scipy.ndimage.maximum_filter(found.reshape(window.shape), 2 * reach + 1)

@@ -22,6 +22,10 @@ BOUNCES = 16
 """Surfaces at which a path goes on, at most. A filled drinking glass has six, before a mirror they
 are thirteen; the rest is for light that is reflected within."""
 
+NEAREST_IMAGE = 1 / 4
+"""An image before the window is no nearer than such a part of the window's depth. Glass makes
+images next to the lens, too, but of no more than a few rays."""
+
 MOST_BOUNCES = 32
 """The kinds of so many surfaces are bits of a number."""
 
@@ -162,6 +166,7 @@ def trace_visible(
       come. An astigmatic image has the mean of 1/depth over all directions, since the circle of
       confusion is affine in it. A convex mirror or a ball of glass shows what is infinitely far
       at a finite depth, with an invalid hit;
+    - of an image before the window, no less than ``NEAREST_IMAGE`` times the window's;
     - ``inf`` for every image that is no nearer than infinity: its light reaches the lens
       converging, to a point behind it;
     - at rough surfaces, a mean in 1/depth of that of the image and theirs. Light that they have
@@ -196,12 +201,14 @@ def trace_visible(
         is_rough = beyond.turns > end.turns
         image = dr.rcp(beyond.vergence + beyond.sharpness / depth_of(beyond))
         depth = dr.select(is_rough, image, depth)
+    through_window = (end.turns > 0) | is_rough
+    nearest = NEAREST_IMAGE * _depth(origin, axis, hit)
     return Visible(
-        depth=depth,
+        depth=dr.select(through_window, dr.maximum(depth, nearest), depth),
         hit=end.hit,
         is_rough=is_rough,
         first=hit,
-        through_window=(end.turns > 0) | is_rough,
+        through_window=through_window,
         last=end.ray,
         throughput=end.throughput,
         turns=end.turns,
