@@ -23,6 +23,11 @@ LEAST_THROUGH = 1 / 256
 there."""
 
 
+ABOUT_HALF = 0.499
+"""What lets as much of the light through is passed behind a mirror: a half is passed by all rays,
+however it is rounded."""
+
+
 def has_specular(scene: mi.Scene) -> bool:
     """Whether the scene may have surfaces at which rays of the pinhole go on.
 
@@ -148,7 +153,7 @@ def onward_from(
     unbent = ((sample.sampled_type & transmission) != 0) & (sample.eta == 1)
     straight = specular & (mi.has_flag(sample.sampled_type, flags.Null) | unbent)
     passes = mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, active))
-    least = dr.select(turned | _may_be_glass(kinds), 0.5, LEAST_THROUGH)
+    least = dr.select(turned | _may_be_glass(kinds), ABOUT_HALF, LEAST_THROUGH)
     null = active & (dr.mean(passes) >= least)
     straight |= null
     turns = specular & ~straight
