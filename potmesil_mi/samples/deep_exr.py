@@ -34,7 +34,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +98,7 @@ class Header:
     window: Window
     surfaces: Mapping[int, str]
     lattice: int
-    visibility_radius: tuple[float, float] | None = None
+    visibility_radius: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)

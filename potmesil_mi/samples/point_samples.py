@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
@@ -41,7 +41,7 @@ class Changes(TypedDict, total=False):
     layer: np.ndarray | None
     through: np.ndarray | None
     visibility: np.ndarray | None
-    visibility_radius: tuple[float, float] | None
+    visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
     surfaces: Mapping[int, str]
@@ -98,7 +98,7 @@ class PointSamples(Columns):
     surfaces: Mapping[int, str] = dataclasses.field(default_factory=dict)
     lattice: int = 0
     window: Window = OF_DEFAULT
-    visibility_radius: tuple[float, float] | None = None
+    visibility_radius: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
