@@ -138,6 +138,11 @@ def ball(bsdf: dict[str, Any], **more: Any) -> dict[str, Any]:
     return {"type": "sphere", "center": [0, 0, 1], "radius": 0.2, "bsdf": bsdf, **more}
 
 
+def rod(bsdf: dict[str, Any]) -> dict[str, Any]:
+    """An upright cylinder, which has no image of points."""
+    return {"type": "cylinder", "p0": [0, -1, 1], "p1": [0, 1, 1], "radius": 0.2, "bsdf": bsdf}
+
+
 def pane(opacity: float) -> dict[str, Any]:
     black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     return square(
@@ -156,6 +161,7 @@ THINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "rough slab": lambda: {"thing": slab({"type": "roughdielectric", "alpha": 0.05})},
     "thin pane": lambda: {"thing": square({"type": "thindielectric"})},
     "ball of glass": lambda: {"thing": ball(GLASS)},
+    "rod of glass": lambda: {"thing": rod(GLASS)},
     "pane of 0.3": lambda: {"thing": pane(0.3)},
     "pane of 0.8": lambda: {"thing": pane(0.8)},
     "smoke": lambda: {"thing": ball({"type": "null"}, interior=SMOKE)},

@@ -377,7 +377,8 @@ def test_what_was_kept_of_one_question_does_not_answer_another(method):
     ]
     for question in questions:
         image = picture(samples, method=method, **question)
-        np.testing.assert_allclose(image, fresh(**question), atol=1e-6)
+        # Threads add up light in any order, and so round it otherwise.
+        np.testing.assert_allclose(image, fresh(**question), atol=1e-5)
 
 
 @pytest.mark.parametrize("method", METHODS)
