@@ -18,6 +18,8 @@ from specular import (
     visible_in,
 )
 
+from potmesil_mi.tracing.virtual_depth import NEAREST_IMAGE
+
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 IMAGE = 5e-4
@@ -166,3 +168,24 @@ def test_what_is_dull_in_glass_is_seen_in_it():
     depth, names, _ = looked_at(slab=cube(3, 1), coin=plane(3, size=1, bsdf=WALL))
     np.testing.assert_allclose(depth, 2 + 1 / N, rtol=IMAGE)
     assert names.tolist() == ["coin"]
+
+
+def test_images_before_glass_are_no_nearer_than_a_quarter_of_its_depth():
+    # So near the ball has its image of the wall next to the pinhole.
+    x = np.linspace(0, 0.8, 400)
+    scene = loaded(ball=ball(1.5, 1, GLASS), wall=plane(90))
+    _, visible = visible_in(scene, np.stack([x, 0 * x, np.ones_like(x)]))
+    depth, shown = np.array(visible.depth), np.array(visible.through_window)
+    # Where the rays of the pinhole meet the ball.
+    first = (1.5 - np.sqrt(1.5**2 - (1 + x**2) * (1.5**2 - 1))) / (1 + x**2)
+    assert shown.sum() > 300
+    assert (depth[shown] > NEAREST_IMAGE * first[shown] * (1 - 1e-4)).all()
+    assert (depth[shown] < NEAREST_IMAGE * first[shown] * (1 + 1e-4)).any()
+
+
+@pytest.mark.parametrize("opacity", [0.4999, 0.5, 0.5001])
+def test_a_mask_of_about_one_half_is_passed_behind_a_mirror(opacity):
+    mask = {"type": "mask", "opacity": opacity, "bsdf": WALL}
+    scene = loaded(mirror=plane(3, bsdf=MIRROR), mask=plane(-1, bsdf=mask), wall=plane(-2))
+    _, visible = visible_in(scene, [0.1, 0, 1])
+    np.testing.assert_allclose(visible.depth, 3 + 5, rtol=1e-4)
