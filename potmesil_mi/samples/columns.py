@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Iterator, Sequence
 from numbers import Real
 from typing import Any, TypeVar
@@ -12,10 +11,6 @@ import numpy as np
 
 OF_DEFAULT: Any = None
 """What stands in a field that was not given, until ``__post_init__`` puts its default there."""
-
-CROWDED = 0.25
-"""Hidden samples for each visible one from which on a scene is crowded with things that the lens
-sees past, such as hair or twigs."""
 
 C = TypeVar("C", bound="Columns")
 
@@ -99,17 +94,6 @@ class Columns:
     def present(self) -> list[dataclasses.Field[Any]]:
         """The schema of the columns that there are: see :data:`COLUMNS`."""
         return [f for f in COLUMNS if not is_optional(f) or getattr(self, f.name) is not None]
-
-    @functools.cached_property
-    def hidden_to_visible(self) -> float:
-        """Samples of what is hidden from the pinhole, for each of what it sees."""
-        hidden = int(np.count_nonzero(self.layer))
-        return hidden / max(len(self) - hidden, 1)
-
-    @property
-    def is_crowded(self) -> bool:
-        """Whether so much is hidden that thin things cover each other in most pixels."""
-        return self.hidden_to_visible >= CROWDED
 
     def chosen(self: C, which: np.ndarray) -> C:
         """The samples that ``which`` has, bool (N,) or indices in their order."""

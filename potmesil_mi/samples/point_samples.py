@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
+CROWDED = 0.25
+"""Hidden samples for each visible one from which on a scene is crowded with things that the lens
+sees past, such as hair or twigs."""
+
+
 class Changes(TypedDict, total=False):
     """What :meth:`PointSamples.replace` can change: the fields of :class:`PointSamples`."""
 
@@ -138,6 +143,17 @@ class PointSamples(Columns):
             places = x.view(np.uint32).astype(np.uint64) << np.uint64(32) | y.view(np.uint32)
             count = len(np.unique(places))
         return count // self.crop_window.size
+
+    @functools.cached_property
+    def hidden_to_visible(self) -> float:
+        """Samples of what is hidden from the pinhole, for each of what it sees."""
+        hidden = int(np.count_nonzero(self.layer))
+        return hidden / max(len(self) - hidden, 1)
+
+    @property
+    def is_crowded(self) -> bool:
+        """Whether so much is hidden that thin things cover each other in most pixels."""
+        return self.hidden_to_visible >= CROWDED
 
     @property
     def visibility_points(self) -> np.ndarray:

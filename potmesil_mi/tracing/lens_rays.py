@@ -16,7 +16,6 @@ from ..optics.blur import widest_radius_per_vergence
 from ..optics.disc import lens_points
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
-from ..samples.columns import VISIBILITY_POINTS
 from .clearance import clearance
 from .rays import PrimaryRays
 
@@ -129,26 +128,6 @@ class LensRays:
         state = dr.full(mi.Bool, True, dr.width(target)), mi.UInt32(first)
         left, _ = dr.while_loop(state, lambda active, step: active & (step < end), look)
         return ~left
-
-    def visibility(self, target: Target) -> mi.UInt64:
-        """Which points of the lens see each target: bits as of ``PointSamples.visibility``."""
-        points = -lens_points(VISIBILITY_POINTS) * self.radius
-        u, v = (from_numpy(mi.Float, column) for column in points.T)
-        side = dr.dot(target.normal, target.direction)
-        every = mi.Bool(True)
-
-        def look(point: mi.UInt32, found: mi.UInt64) -> tuple[mi.UInt32, mi.UInt64]:
-            ray = self._towards(
-                target, dr.gather(mi.Float, u, point), dr.gather(mi.Float, v, point)
-            )
-            sees = (dr.dot(target.normal, ray.d) * side > 0) | ~target.met
-            sees &= ~self._is_blocked(ray, every & sees)
-            return point + 1, found | dr.select(sees, mi.UInt64(1) << mi.UInt64(point), 0)
-
-        count = dr.opaque(mi.UInt32, VISIBILITY_POINTS)
-        lanes = dr.width(target)
-        state = dr.zeros(mi.UInt32, lanes), dr.zeros(mi.UInt64, lanes)
-        return dr.while_loop(state, lambda point, _: point < count, look)[1]
 
     @functools.cached_property
     def _points(self) -> tuple[mi.Float, mi.Float]:

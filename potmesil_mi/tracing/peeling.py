@@ -207,7 +207,7 @@ def _follow(
         visible = rays.visible(ray)
         goes_on, passed = _passed(ray, start, visible)
         place = dr.scatter_inc(count, mi.UInt32(0), active)
-        surface, target = rays.surface_of(visible.hit), target_of(ray, visible, number)
+        surface, target = rays.surface_of(visible.hit), _target(ray, visible, number)
         found = _Met(ray_index, met, start, visible.depth, surface, target)
         dr.scatter(room, found, place, active & (place < capacity))
         return active & goes_on & (met + 1 < steps), passed, met + 1
@@ -233,7 +233,7 @@ def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, 
     return last.is_valid(), passed + clearance(last.p, passed)
 
 
-def target_of(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
+def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
     """What is to be seen of what a primary ray meets: of an image, the window that shows it."""
     image, hit, first = visible.through_window, visible.hit, visible.first
     met = image | hit.is_valid()
