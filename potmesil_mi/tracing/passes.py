@@ -40,6 +40,15 @@ class Passes:
         self.sampler.seed(seed, rays)
         self._begun += 1
 
+    def begin_for(self, count: int) -> int:
+        """Seed the sampler for a pass of ``count`` rays, or a few more, and return how many.
+
+        The sampler wants whole pixels.
+        """
+        rays = -(-count // self.spp) * self.spp
+        self.begin(rays)
+        return rays
+
     def averaged(
         self,
         x: np.ndarray,
@@ -59,9 +68,7 @@ class Passes:
         shown = Shown.empty(len(x))
         for part in track(wavefronts(len(x), paths), label):
             count = part.stop - part.start
-            # The sampler wants whole pixels.
-            lanes = -(-count * paths // self.spp) * self.spp
-            self.begin(lanes)
+            lanes = self.begin_for(count * paths)
             sample = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, paths)
             sample = dr.minimum(sample, dr.opaque(mi.UInt32, count - 1))
             of_x, of_y, *more = (gathered(column[part], sample) for column in (x, y, *columns))

@@ -241,10 +241,8 @@ class _Finder:
 
     def _shown(self, position: mi.Point2f, point: mi.UInt32) -> Shown:
         """What the rays by way of each ``position`` show."""
-        count, spp = dr.width(position), self.rays.passes.spp
-        # The sampler wants whole pixels.
-        lanes = -(-count // spp) * spp
-        self.rays.passes.begin(lanes)
+        count = dr.width(position)
+        lanes = self.rays.passes.begin_for(count)
         lane = dr.minimum(dr.arange(mi.UInt32, lanes), count - 1)
         ray, weight = self._ray(
             dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)

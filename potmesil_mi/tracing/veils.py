@@ -83,12 +83,10 @@ def met(x: np.ndarray, y: np.ndarray, rays: PrimaryRays, apart: float) -> Veils:
     ``x``, ``y`` are float32 (N,) in pixels of the film. ``apart`` is by how much the vergence of
     two things differs, of an orthographic camera their depth, so that one may hide the other.
     """
-    spp, parts = rays.passes.spp, []
+    parts = []
     for part in track(wavefronts(len(x), MOST_VEILS), LABEL):
         count = part.stop - part.start
-        # The sampler wants whole pixels.
-        lanes = -(-count // spp) * spp
-        rays.passes.begin(lanes)
+        lanes = rays.passes.begin_for(count)
         ray = dr.minimum(dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, count - 1))
         position = mi.Point2f(*(gathered(column[part], ray) for column in (x, y)))
         sampler = rays.passes.sampler
