@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..optics.disc import lens_points
+
 OF_DEFAULT: Any = None
 """What stands in a field that was not given, until ``__post_init__`` puts its default there."""
 
@@ -147,6 +149,15 @@ def require_visibility_radius(radius: Any, known: bool) -> None:
     values = tuple(radius)
     if len(values) != 2 or not all(isinstance(v, Real) and 0 < float(v) < np.inf for v in values):
         raise ValueError(f"visibility_radius={radius}: must be two numbers > 0, in scene units")
+
+
+def visibility_points(radius: Sequence[float]) -> np.ndarray:
+    """The points of the lens for the bits of ``visibility``, (64, 2), in the units of ``radius``.
+
+    That is half the width of the lens across and down. They go to the left and upwards from the
+    middle, as the camera looks: they are those of a round aperture, which is described from behind.
+    """
+    return -lens_points(VISIBILITY_POINTS) * radius
 
 
 def points_that_see(visibility: np.ndarray) -> np.ndarray:

@@ -17,11 +17,10 @@ import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
-from ..optics.disc import lens_points
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import deep_exr
-from .columns import OF_DEFAULT, VISIBILITY_POINTS, Columns, require_visibility_radius
+from .columns import OF_DEFAULT, Columns, require_visibility_radius, visibility_points
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -159,13 +158,12 @@ class PointSamples(Columns):
     def visibility_points(self) -> np.ndarray:
         """The points of the lens for the bits of ``visibility``, (64, 2), in scene units.
 
-        They go to the left and upwards from the middle, as the camera looks: they are those of a
-        round aperture, which is described from behind. Raises ``ValueError`` for samples without
-        visibility.
+        They go to the left and upwards from the middle, as the camera looks. Raises ``ValueError``
+        for samples without visibility.
         """
         if self.visibility_radius is None:
             raise ValueError("visibility: None, the samples have no visibility")
-        return -lens_points(VISIBILITY_POINTS) * self.visibility_radius
+        return visibility_points(self.visibility_radius)
 
     def __repr__(self) -> str:
         width, height = self.camera.crop_size

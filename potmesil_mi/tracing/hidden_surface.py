@@ -15,8 +15,6 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
-from ..optics.blur import widest_radius_per_vergence
-from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS, Columns
@@ -151,8 +149,8 @@ def _with_hidden(
     """
     buffer, paths = visible.buffer, 1 if visible.lattice == 0 else rays.passes.spp
     first, start = buffer.columns(), np.empty(0, np.float32)
-    primary, nearest = len(first), float(first.z.min())
-    lens = LensRays.of(rays, widest, nearest)
+    primary = len(first)
+    lens = LensRays.of(rays, widest, float(first.z.min()))
     windows = rays.follows_windows and not lens.telecentric and min(lens.radius) > 0
     seen = None
     if windows:
@@ -162,8 +160,7 @@ def _with_hidden(
         if len(chosen) > 0:
             start = add_hidden(buffer, chosen, rays, lens, layers, paths)
     if any(rays.veils):
-        parallax = _parallax(rays.sensor.camera(), widest, nearest) if layers > 1 else 0.0
-        split(buffer, primary, rays, paths, parallax)
+        split(buffer, primary, rays, paths, lens.parallax if layers > 1 else 0.0)
     columns = buffer.columns()
     if seen is not None and seen.through.any():
         columns = _with_windows(columns, seen, start, rays, lens)
@@ -194,16 +191,6 @@ def _with_windows(
     seen.visibility[unseen & (columns.layer == 0)] = 1
     columns = dataclasses.replace(columns, through=seen.through, visibility=seen.visibility)
     return columns.chosen(~unseen | (columns.layer == 0))
-
-
-def _parallax(camera: Camera, lens: ThinLens | TelecentricLens, nearest: float) -> float:
-    """Pixels by which things move as one looks from the lens's rim, per unit of vergence.
-
-    It may be focused from the depth ``nearest`` on. Of a telecentric lens it is per unit of depth.
-    """
-    if isinstance(lens, TelecentricLens):
-        return float(lens.slope * camera.pixels_per_unit)
-    return float(widest_radius_per_vergence(lens, camera, nearest))
 
 
 def _may_hide(

@@ -105,6 +105,16 @@ class LensRays:
             clip=(float(camera.near_clip), float(camera.far_clip)),
         )
 
+    @property
+    def parallax(self) -> float:
+        """Pixels by which things move as one looks from the lens's rim, per unit of vergence.
+
+        Of a telecentric lens it is per unit of depth.
+        """
+        camera = self.rays.sensor.camera()
+        scale = camera.pixels_per_unit if self.telecentric else camera.focal_length_pixels
+        return max(self.radius) * scale
+
     def see(self, target: Target, first: mi.UInt32, end: mi.UInt32) -> mi.Bool:
         """Whether any of the points from ``first`` to before ``end`` sees each target, bool (N,).
 

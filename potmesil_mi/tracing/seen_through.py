@@ -21,7 +21,13 @@ import scipy.optimize
 from .._backend import from_numpy
 from .._progress import track
 from ..optics.disc import lens_points
-from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns, points_that_see
+from ..samples.columns import (
+    ELSEWHERE,
+    VISIBILITY_POINTS,
+    Columns,
+    points_that_see,
+    visibility_points,
+)
 from ..samples.raster import Window
 from .buffers import Shown, to_host
 from .lens_rays import TURN, LensRays
@@ -145,8 +151,7 @@ def _around(window: Window, lens: LensRays, columns: Columns) -> np.ndarray:
     if not found.any():
         return found.reshape(window.shape)
     apart = np.quantile(np.abs(1 / columns.through[partly] - 1 / columns.z[partly]), MOST_SHIFTED)
-    parallax = apart * max(lens.radius) * lens.rays.sensor.camera().focal_length_pixels
-    reach = math.ceil(min(parallax, max(window.shape))) + 1
+    reach = math.ceil(min(apart * lens.parallax, max(window.shape))) + 1
     return scipy.ndimage.maximum_filter(found.reshape(window.shape), 2 * reach + 1)
 
 
@@ -160,7 +165,9 @@ class _Finder:
     def __init__(self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float) -> None:
         self.rays, self.lens, self.window = rays, lens, window
         self.vergence = dr.opaque(mi.Float, vergence)
-        self.u, self.v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+        self.u, self.v = (
+            from_numpy(mi.Float, column) for column in visibility_points(lens.radius).T
+        )
 
     def found(self, position: mi.Point2f, area: np.ndarray) -> Columns | None:
         """What is found by rays by way of each ``position`` on the film; ``None`` for nothing.
@@ -319,7 +326,7 @@ def _bits(image: _Image, number: mi.UInt32, lens: LensRays, count: int) -> mi.UI
 
     The ``number`` of the image tells which: that of a point of the lens is one of those tried.
     """
-    u, v = (from_numpy(mi.Float, column) for column in _points(lens).T)
+    u, v = (from_numpy(mi.Float, column) for column in visibility_points(lens.radius).T)
     stride = VISIBILITY_POINTS // count
     groups = from_numpy(mi.UInt64, _groups(stride))
     first = number % stride
@@ -349,8 +356,3 @@ def _groups(stride: int) -> np.ndarray:
         point, place = scipy.optimize.linear_sum_assignment(apart)
         np.bitwise_or.at(groups, chosen[place], np.uint64(1) << point.astype(np.uint64))
     return groups
-
-
-def _points(lens: LensRays) -> np.ndarray:
-    """The points of the lens, (64, 2), to the left and upwards, in scene units."""
-    return -lens_points(VISIBILITY_POINTS) * lens.radius
