@@ -3,6 +3,7 @@
 import mitsuba as mi
 import numpy as np
 
+from potmesil_mi.tracing.onward import alphas_of
 from potmesil_mi.tracing.virtual_depth import trace_visible
 
 MIRROR = {"type": "twosided", "bsdf": {"type": "conductor"}}
@@ -75,7 +76,7 @@ def visible_in(scene, directions=(0, 0, 1), near=0.01, axis=(0, 0, 1), **options
     d = mi.Vector3f(np.reshape(directions, (3, -1)).astype(np.float32))
     ray = mi.Ray3f(mi.Point3f(near * d), mi.Vector3f(d / mi.Float(np.linalg.norm(d, axis=0))))
     hit = scene.ray_intersect(ray)
-    return ray, trace_visible(scene, [0, 0, 0], ray, hit, axis, **options)
+    return ray, trace_visible(scene, [0, 0, 0], ray, hit, axis, alphas=alphas_of(scene), **options)
 
 
 def looked_at(directions=(0, 0, 1), near=0.01, axis=(0, 0, 1), bounces=16, **shapes):

@@ -151,7 +151,7 @@ def _with_hidden(
     first, start = buffer.columns(), np.empty(0, np.float32)
     primary = len(first)
     lens = LensRays.of(rays, widest, float(first.z.min()))
-    windows = rays.follows_windows and not lens.telecentric and min(lens.radius) > 0
+    windows = rays.may_see_images and not lens.telecentric and min(lens.radius) > 0
     seen = None
     if windows:
         seen = seen_through(first.x, first.y, np.zeros(primary, np.float32), rays, lens)

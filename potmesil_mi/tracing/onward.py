@@ -42,6 +42,11 @@ def alphas_of(scene: mi.Scene) -> mi.Float | None:
     return None if alphas is None else mi.Float(alphas)
 
 
+def may_show_images(scene: mi.Scene) -> bool:
+    """Whether the scene may have smooth surfaces that show images, as mirrors and glass do."""
+    return bool(_may_be_glass(bsdf_flags(scene)).any())
+
+
 def may_pass_straight(scene: mi.Scene) -> bool:
     """Whether the scene may have surfaces that :func:`passes_straight` finds."""
     kinds = mi.BSDFFlags

@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..samples.raster import Window
 from .buffers import Traced
 from .clearance import ray_from
-from .onward import may_pass_straight, passes_straight
+from .onward import alphas_of, may_pass_straight, may_show_images, passes_straight
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
@@ -121,7 +121,7 @@ class PrimaryRays:
             # Each point of the film has an axis of its own, from the plane at depth 0.
             axis = dr.normalize(axis)
             origin = ray.o - axis * dr.dot(ray.o - origin, axis)
-        return trace_visible(self.scene, origin, ray, hit, axis)
+        return trace_visible(self.scene, origin, ray, hit, axis, alphas=self.alphas)
 
     def axes(self) -> tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f]:
         """Unit vectors of the camera in the world: to the left, upwards, and where it looks."""
@@ -183,6 +183,16 @@ class PrimaryRays:
     def parallel(self) -> bool:
         """Whether the rays are parallel: the camera is orthographic."""
         return is_orthographic(self.sensor)
+
+    @functools.cached_property
+    def alphas(self) -> mi.Float | None:
+        """How rough the surfaces are: :func:`potmesil_mi.tracing.onward.alphas_of` the scene."""
+        return alphas_of(self.scene)
+
+    @functools.cached_property
+    def may_see_images(self) -> bool:
+        """Whether anything may be seen in mirrors or through glass, and its depth is followed."""
+        return self.follows_windows and (self.alphas is not None or may_show_images(self.scene))
 
     @functools.cached_property
     def all_block(self) -> bool:

@@ -16,7 +16,7 @@ import mitsuba as mi
 from .._validation import require_whole
 from .clearance import ray_from
 from .differentials import Differentials, RayTransfer
-from .onward import alphas_of, has_specular, may_go_on, onward_from
+from .onward import may_go_on, onward_from
 
 BOUNCES = 16
 """Surfaces at which a path goes on, at most. A filled drinking glass has six, before a mirror they
@@ -135,13 +135,15 @@ def trace_visible(
     hit: mi.SurfaceInteraction3f,
     axis: mi.Vector3f,
     *,
+    alphas: mi.Float | None = None,
     bounces: int = BOUNCES,
 ) -> Visible:
     """Depth of what primary rays show, behind at most ``bounces`` mirrors and panes.
 
     ``origin`` is the pinhole and ``axis`` the unit vector along which it looks, in the world;
     ``ray`` are rays of unit direction from it, or from points of a lens across the axis there, and
-    ``hit`` is what each meets first.
+    ``hit`` is what each meets first. ``alphas`` are those of the scene, see
+    :func:`potmesil_mi.tracing.onward.alphas_of`; without them what is rough ends the path.
 
     At a surface the path goes on
 
@@ -177,8 +179,6 @@ def trace_visible(
     """
     require_whole("bounces", bounces, 0, MOST_BOUNCES)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
-    if not has_specular(scene):
-        return Visible.direct(_depth(origin, axis, hit), hit, ray)
 
     def followed(path: _Path, alphas: mi.Float | None) -> _Path:
         (end,) = dr.while_loop(
@@ -194,7 +194,6 @@ def trace_visible(
 
     end = followed(_start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis)), None)
     depth, is_rough = depth_of(end), mi.Bool(False)
-    alphas = alphas_of(scene)
     if alphas is not None:
         beyond = dataclasses.replace(end, active=may_go_on(end.hit, alphas))
         beyond = followed(beyond, alphas)
