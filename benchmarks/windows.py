@@ -10,8 +10,6 @@ those of a `thinlens` of the same sampler and as many samples, and the noise of 
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -56,10 +54,15 @@ def row(name: str, focus_distance: float, arguments: Any) -> list[str]:
         return np.array(mi.render(scene, spp=spp, seed=number + 1))[..., :3]
 
     reference = Reference(render)
-    rendered, own = render(arguments.spp, 1 << 20), []
-    seconds = steady(lambda: render(arguments.spp, 1 << 20))
-    sampling = steady(lambda: own.append(pm.render_samples(scene, spp=arguments.spp)))
-    samples = own[-1]
+    made = []
+
+    def sample() -> int:
+        made[:] = [pm.render_samples(scene, spp=arguments.spp)]
+        return len(made[0])
+
+    rendered, _, seconds = common.first_and_steady(lambda: render(arguments.spp, 1 << 20))
+    _, _, sampling = common.first_and_steady(sample)
+    samples = made[0]
     pictures = [np.array(pm.focus(samples, method=method)) for method in METHODS]
     reference.converge(pictures[0], arguments.reference_spp, None, lambda *_: None)
     figures = [psnr(picture, reference.mean) for picture in (*pictures, rendered)]
@@ -70,16 +73,6 @@ def row(name: str, focus_distance: float, arguments: Any) -> list[str]:
         f"{sampling / seconds:.1f}",
         f"{through:.0%}",
     ]
-
-
-def steady(action: Callable[[], Any]) -> float:
-    """Seconds that ``action`` takes, the median of three runs after a first one."""
-    times = []
-    for _ in range(4):
-        began = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times[1:])
 
 
 def scene_of(name: str, focus_distance: float, res: int, sampler: str, spp: int) -> mi.Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -146,7 +146,7 @@ def require_visibility_radius(radius: Any, known: bool) -> None:
         )
     if radius is None:
         return
-    values = tuple(radius)
+    values = tuple(radius) if isinstance(radius, Iterable) else ()
     if len(values) != 2 or not all(isinstance(v, Real) and 0 < float(v) < np.inf for v in values):
         raise ValueError(f"visibility_radius={radius}: must be two numbers > 0, in scene units")
 

@@ -88,7 +88,7 @@ def test_what_is_known_of_windows_survives_a_file(tmp_path):
     np.testing.assert_array_equal(words, np.sort(samples.visibility[samples.layer == 0]))
 
 
-@pytest.mark.parametrize("radius", [[0.1], [0.1, -1.0], "wide", [0.1, 1e300]])
+@pytest.mark.parametrize("radius", [[0.1], [0.1, -1.0], "wide", 5, [0.1, 1e300]])
 def test_half_widths_of_a_lens_in_a_file_are_not_trusted(tmp_path, radius):
     path = tmp_path / "samples.exr"
     synthetic(50, visibility=np.ones(50, np.uint64), visibility_radius=(0.1, 0.1)).save(path)

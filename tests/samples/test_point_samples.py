@@ -263,6 +263,10 @@ def own(samples):
             {"visibility": np.ones(5, np.uint64), "visibility_radius": (1.0, 0.0)},
             r"visibility_radius=\(1.0, 0.0\): must be two numbers > 0",
         ),
+        (
+            {"visibility": np.ones(5, np.uint64), "visibility_radius": 0.5},
+            "visibility_radius=0.5: must be two numbers > 0",
+        ),
         ({"through": np.ones(4)}, r"through: has shape \(4,\), must have \(5,\)"),
     ],
 )
