@@ -191,7 +191,8 @@ def _read(path: Path) -> tuple[Header, Columns]:
     if not samples.all_valid:
         raise ValueError(
             f"is damaged: {np.count_nonzero(~samples.is_valid())} of {len(samples)} samples have "
-            "radiance, alpha, position or weight not finite, or depth or weight not > 0"
+            "radiance, alpha, position or weight not finite, depth or weight not > 0, or through "
+            "not finite or < 0"
         )
     return header, samples
 

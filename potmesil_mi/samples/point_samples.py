@@ -90,8 +90,8 @@ class PointSamples(Columns):
                                   crop window (default), or more with overscan
     ============================  ==========================================================
 
-    Samples with radiance, alpha or position that is not finite, or with depth or weight that is
-    NaN or not positive are dropped, with a ``RuntimeWarning`` that counts them. Raises
+    Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN
+    or not positive, or with ``through`` not finite or < 0 are dropped, with a ``RuntimeWarning`` that counts them. Raises
     ``ValueError`` for columns of unequal length or wrong shape, for a window of less than one
     pixel, for ``visibility`` without the lens's half-widths or these without it, and where no
     sample is left, ``TypeError`` for a window of other than whole numbers.
@@ -117,7 +117,7 @@ class PointSamples(Columns):
                 object.__setattr__(self, field.name, getattr(self, field.name)[valid])
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
-                "weight not finite, or depth or weight not > 0",
+                "weight not finite, depth or weight not > 0, or through not finite or < 0",
                 RuntimeWarning,
                 stacklevel=3,
             )

@@ -275,6 +275,14 @@ def test_what_is_said_of_windows_fits_together(fields, message):
         synthetic(5).replace(**fields)
 
 
+@pytest.mark.parametrize("through", [np.nan, np.inf, -1.0])
+def test_samples_that_are_seen_through_nothing_possible_are_dropped(through):
+    depths = np.array([0.0, 1.0, through, 1.0, 0.0])
+    with pytest.warns(RuntimeWarning, match="dropped 1 of 5 .* through not finite or < 0"):
+        samples = synthetic(5).replace(through=depths)
+    np.testing.assert_array_equal(samples.through, [0, 1, 1, 0])
+
+
 def test_points_of_the_lens_are_those_of_a_round_aperture_as_the_picture_has_them():
     samples = synthetic(5).replace(visibility=np.ones(5, np.uint64), visibility_radius=(0.5, 0.25))
     points = samples.visibility_points
