@@ -90,11 +90,11 @@ class PointSamples(Columns):
                                   crop window (default), or more with overscan
     ============================  ==========================================================
 
-    Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN
-    or not positive, or with ``through`` not finite or < 0 are dropped, with a ``RuntimeWarning`` that counts them. Raises
-    ``ValueError`` for columns of unequal length or wrong shape, for a window of less than one
-    pixel, for ``visibility`` without the lens's half-widths or these without it, and where no
-    sample is left, ``TypeError`` for a window of other than whole numbers.
+    Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
+    not positive, or with ``through`` not finite or < 0 are dropped, with a ``RuntimeWarning`` that
+    counts them. Raises ``ValueError`` for columns of unequal length or wrong shape, for a window of
+    less than one pixel, for ``visibility`` without the lens's half-widths or these without it, and
+    where no sample is left, ``TypeError`` for a window of other than whole numbers.
     """
 
     camera: Camera
