@@ -101,12 +101,12 @@ def scene_of(name: str, focus_distance: float, res: int, sampler: str, spp: int)
     )
 
 
-def stripes(z: float, turn: float, count: int) -> dict[str, Any]:
+def stripes(z: float, turn: float, count: int, radiance: float = 1.0) -> dict[str, Any]:
     """A wall of light and dark stripes that faces the camera."""
     pattern = {
         "type": "checkerboard",
         "color0": {"type": "rgb", "value": 0.0},
-        "color1": {"type": "rgb", "value": 1.0},
+        "color1": {"type": "srgb", "color": [radiance] * 3, "unbounded": True},
         "to_uv": mi.ScalarTransform4f().scale([count, 0.001, 1]),
     }
     place = mi.ScalarTransform4f().translate([0, 0, z]).rotate([0, 1, 0], turn).scale(4)
@@ -115,6 +115,11 @@ def stripes(z: float, turn: float, count: int) -> dict[str, Any]:
         "to_world": place,
         "emitter": {"type": "area", "radiance": pattern},
     }
+
+
+def reflecting(thing: dict[str, Any]) -> dict[str, Any]:
+    """``thing`` before stripes behind the camera that are nearer, and as bright as a street."""
+    return {"thing": thing, "behind": stripes(-0.5, 0, 40, radiance=10.0)}
 
 
 def square(bsdf: dict[str, Any], turn: float = 180) -> dict[str, Any]:
@@ -153,6 +158,8 @@ THINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "slab": lambda: {"thing": slab(GLASS)},
     "rough slab": lambda: {"thing": slab({"type": "roughdielectric", "alpha": 0.05})},
     "thin pane": lambda: {"thing": square({"type": "thindielectric"})},
+    "reflecting pane": lambda: reflecting(square({"type": "thindielectric"})),
+    "reflecting slab": lambda: reflecting(slab(GLASS)),
     "ball of glass": lambda: {"thing": ball(GLASS)},
     "rod of glass": lambda: {"thing": rod(GLASS)},
     "pane of 0.3": lambda: {"thing": pane(0.3)},

@@ -20,7 +20,9 @@ from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .elsewhere import seen_elsewhere
 from .lens_rays import LensRays
+from .lobes import part_lobes
 from .onward import has_specular
 from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
@@ -28,7 +30,7 @@ from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
 from .rays import PrimaryRays
 from .sampling import Sampling
-from .seen_through import SeenThrough, seen_elsewhere, seen_through
+from .seen_through import SeenThrough, seen_through
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
 from .splitting import split
@@ -159,13 +161,19 @@ def _with_hidden(
         chosen = _may_hide(rays, first, seen, window, widest)
         if len(chosen) > 0:
             start = add_hidden(buffer, chosen, rays, lens, layers, paths)
+    lobes = []
+    if seen is not None and rays.may_part_light:
+        lobes = part_lobes(buffer, seen.through, rays, lens, paths, layers)
     if any(rays.veils):
         split(buffer, primary, rays, paths, lens.parallax if layers > 1 else 0.0)
     columns = buffer.columns()
     if seen is not None and seen.through.any():
         columns = _with_windows(columns, seen, start, rays, lens)
-        if layers > 1 and visible.lattice == 0:
-            columns = Columns.joined([columns, *seen_elsewhere(rays, lens, window, columns)])
+    columns = Columns.joined([columns, *lobes])
+    images = columns.through is not None and columns.through.any()
+    if images and layers > 1 and visible.lattice == 0:
+        found = seen_elsewhere(rays, lens, window, columns, len(lobes))
+        columns = Columns.joined([columns, *found])
     if any(rays.veils):  # Some samples stand for others, whose weight is 0.
         columns = columns.chosen(columns.weight > 0)
     return columns, lens.radius

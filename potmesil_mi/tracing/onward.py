@@ -23,6 +23,9 @@ LEAST_THROUGH = 1 / 256
 there."""
 
 
+LAST = 1 - 2**-24
+"""The last random number before 1: a BSDF of two lobes answers it with the one that transmits."""
+
 ABOUT_HALF = 0.499
 """What lets as much of the light through is passed behind a mirror: a half is passed by all rays,
 however it is rounded."""
@@ -47,6 +50,15 @@ def may_show_images(scene: mi.Scene) -> bool:
     return bool(_may_be_glass(bsdf_flags(scene)).any())
 
 
+def may_part_light(scene: mi.Scene) -> bool:
+    """Whether the scene may have smooth glass, which reflects a part of the light."""
+    kinds = mi.BSDFFlags
+    flags = bsdf_flags(scene)
+    glass, lets_through = _may_be_glass(flags), int(kinds.DeltaTransmission) | int(kinds.Null)
+    reflects = (flags & int(kinds.DeltaReflection)) != 0
+    return bool((glass & reflects & ((flags & lets_through) != 0)).any())
+
+
 def may_pass_straight(scene: mi.Scene) -> bool:
     """Whether the scene may have surfaces that :func:`passes_straight` finds."""
     kinds = mi.BSDFFlags
@@ -69,6 +81,8 @@ class Onward(NamedTuple):
     ``weight``                    radiance before the surface over that beyond it, unless it is
                                   rough
     ``sharpness``                 weight of what is seen beyond in 1/depth; 1 unless it is rough
+    ``parts``                     whether smooth glass parts the light, into a lobe that reflects
+                                  and one that does not
     ============================  ==========================================================
     """
 
@@ -79,6 +93,7 @@ class Onward(NamedTuple):
     eta: mi.Float
     weight: mi.UnpolarizedSpectrum
     sharpness: mi.Float
+    parts: mi.Bool
 
 
 def passes_straight(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
@@ -140,43 +155,56 @@ def onward_from(
     active: mi.Bool,
     turned: mi.Bool,
     alphas: mi.Float | None = None,
+    *,
+    lesser: mi.Bool | None = None,
     reflects: mi.Bool | None = None,
+    mirrors: mi.Bool | None = None,
 ) -> Onward:
     """How paths go on from ``hit``; by rough surfaces only with their ``alphas``.
 
-    What turns them does so by the lobe of more light, or by the one that ``reflects`` asks for.
-    ``turned`` is whether anything has before: then what hides more than it lets through ends them.
+    What turns them does so by the lobe of more light; where the ``lesser`` one is asked for, smooth
+    glass that parts the light goes by the other. ``turned`` is whether anything has turned them
+    before: then what hides more than it lets through ends them.
+
+    With ``reflects`` what turns them does so by the lobe that it asks for; where such glass
+    ``mirrors``, it does so even if it lets more of the light pass straight.
     """
     bsdf, flags = hit.bsdf(), mi.BSDFFlags
     kinds = bsdf.flags()
-    reflection = int(flags.DeltaReflection) | int(flags.GlossyReflection)
     transmission = int(flags.DeltaTransmission) | int(flags.GlossyTransmission)
-    sample, weight = _sampled(hit, mi.BSDFContext(), active)
+    sample, weight = _sampled(hit, active)
     smooth = active & _only_specular(kinds)
+    glass = _may_be_glass(kinds)
+    parts, other = mi.Bool(False), mi.Bool(False)
+    if lesser is not None:
+        reflected = _reflects(sample)
+        beside = _sampled(hit, smooth & glass, sample1=dr.select(reflected, LAST, 0))
+        parts = smooth & glass & (dr.max(beside[1]) > 0) & (_reflects(beside[0]) != reflected)
+        other = parts & lesser
+        sample, weight = dr.select(other, beside[0], sample), dr.select(other, beside[1], weight)
     alpha = mi.Float(0) if alphas is None else alpha_at(hit, alphas, active & ~smooth)
     specular = (smooth | (alpha > 0)) & (dr.max(weight) > 0)
     unbent = ((sample.sampled_type & transmission) != 0) & (sample.eta == 1)
     straight = specular & (mi.has_flag(sample.sampled_type, flags.Null) | unbent)
     passes = mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, active))
-    least = dr.select(turned | _may_be_glass(kinds), ABOUT_HALF, LEAST_THROUGH)
-    null = active & (dr.mean(passes) >= least)
+    least = dr.select(turned | glass, ABOUT_HALF, LEAST_THROUGH)
+    null = active & ~other & (dr.mean(passes) >= least)
     straight |= null
+    if mirrors is not None:
+        straight &= ~(smooth & glass & mirrors)
     turns = specular & ~straight
     if reflects is not None:
-        reflected, refracted = (
-            _sampled(hit, _context(lobe), turns) for lobe in (reflection, transmission)
-        )
-        sample = dr.select(reflects, reflected[0], refracted[0])
-        weight = dr.select(reflects, reflected[1], refracted[1])
+        sample, weight = _turned_by(hit, reflects, turns)
         turns &= (dr.max(weight) > 0) & ~mi.has_flag(sample.sampled_type, flags.Null)
     onward = Onward(
         straight=straight,
         turns=turns,
-        reflects=(sample.sampled_type & reflection) != 0,
+        reflects=_reflects(sample),
         direction=hit.to_world(sample.wo),
         eta=sample.eta,
         weight=dr.select(null, passes, sample.pdf * weight),
         sharpness=mi.Float(1),
+        parts=parts,
     )
     return onward if alphas is None else _of_microfacets(onward, hit, alpha)
 
@@ -199,16 +227,35 @@ def _of_microfacets(onward: Onward, hit: mi.SurfaceInteraction3f, alpha: mi.Floa
     )
 
 
-def _context(lobe: int) -> mi.BSDFContext:
-    """The one in which a BSDF has no lobe but ``lobe``, in flags, that turns a ray."""
+def _turned_by(
+    hit: mi.SurfaceInteraction3f, reflects: mi.Bool, active: mi.Bool
+) -> tuple[mi.BSDFSample3f, mi.UnpolarizedSpectrum]:
+    """A sample of the lobe that ``reflects``, or else of the one that refracts."""
+    transmission = mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.GlossyTransmission
     # Without Null a mask takes itself for all hole.
-    return mi.BSDFContext(mi.TransportMode.Radiance, lobe | int(mi.BSDFFlags.Null))
+    lobes = int(transmission) | int(mi.BSDFFlags.Null)
+    refracted = _sampled(hit, active, mi.BSDFContext(mi.TransportMode.Radiance, lobes))
+    # A BSDF of two lobes answers 0 with the one that reflects.
+    reflected, weight = _sampled(hit, active, sample1=0)
+    weight = dr.select(_reflects(reflected), weight, 0)
+    chosen = dr.select(reflects, reflected, refracted[0])
+    return chosen, dr.select(reflects, weight, refracted[1])
+
+
+def _reflects(sample: mi.BSDFSample3f) -> mi.Bool:
+    """Whether a sample is one of a lobe that reflects."""
+    reflection = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.GlossyReflection)
+    return (sample.sampled_type & reflection) != 0
 
 
 def _sampled(
-    hit: mi.SurfaceInteraction3f, context: mi.BSDFContext, active: mi.Bool
+    hit: mi.SurfaceInteraction3f,
+    active: mi.Bool,
+    context: mi.BSDFContext | None = None,
+    sample1: mi.Float | float = 0.5,
 ) -> tuple[mi.BSDFSample3f, mi.UnpolarizedSpectrum]:
     """A sample of the BSDF at ``hit`` and its weight: of two lobes the one with more light."""
     # Sampled with 1/2, a BSDF of two lobes answers with the greater one.
-    sample, weight = hit.bsdf().sample(context, hit, 0.5, mi.Point2f(0.5), active)
+    context = mi.BSDFContext() if context is None else context
+    sample, weight = hit.bsdf().sample(context, hit, sample1, mi.Point2f(0.5), active)
     return sample, mi.unpolarized_spectrum(weight)

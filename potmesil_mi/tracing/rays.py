@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..samples.raster import Window
 from .buffers import Traced
 from .clearance import ray_from
-from .onward import alphas_of, may_pass_straight, may_show_images, passes_straight
+from .onward import alphas_of, may_part_light, may_pass_straight, may_show_images, passes_straight
 from .passes import Passes
 from .sensor import is_orthographic
 from .shapes import registry_index
@@ -106,10 +106,10 @@ class PrimaryRays:
         _begin_at(ray, start)
         return ray
 
-    def visible(self, ray: mi.Ray3f) -> Visible:
+    def visible(self, ray: mi.Ray3f, lesser: int | None = None) -> Visible:
         """What a primary ray shows first: in a mirror or behind glass, if these are followed.
 
-        The ray may begin behind what is nearer.
+        The ray may begin behind what is nearer. ``lesser`` is as in :func:`trace_visible`.
         """
         hit = self._first_hit(ray)
         if not self.follows_windows:
@@ -121,7 +121,7 @@ class PrimaryRays:
             # Each point of the film has an axis of its own, from the plane at depth 0.
             axis = dr.normalize(axis)
             origin = ray.o - axis * dr.dot(ray.o - origin, axis)
-        return trace_visible(self.scene, origin, ray, hit, axis, alphas=self.alphas)
+        return trace_visible(self.scene, origin, ray, hit, axis, alphas=self.alphas, lesser=lesser)
 
     def axes(self) -> tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f]:
         """Unit vectors of the camera in the world: to the left, upwards, and where it looks."""
@@ -193,6 +193,11 @@ class PrimaryRays:
     def may_see_images(self) -> bool:
         """Whether anything may be seen in mirrors or through glass, and its depth is followed."""
         return self.follows_windows and (self.alphas is not None or may_show_images(self.scene))
+
+    @functools.cached_property
+    def may_part_light(self) -> bool:
+        """Whether glass may part the light of rays, outside of participating media."""
+        return self.may_see_images and not self.veils.media and may_part_light(self.scene)
 
     @functools.cached_property
     def all_block(self) -> bool:

@@ -16,7 +16,8 @@ import mitsuba as mi
 from .._validation import require_whole
 from .clearance import ray_from
 from .differentials import Differentials, RayTransfer
-from .onward import may_go_on, onward_from
+from .onward import is_veil, may_go_on, onward_from
+from .shapes import registry_index
 
 BOUNCES = 16
 """Surfaces at which a path goes on, at most. A filled drinking glass has six, before a mirror they
@@ -28,6 +29,9 @@ images next to the lens, too, but of no more than a few rays."""
 
 MOST_BOUNCES = 32
 """The kinds of so many surfaces are bits of a number."""
+
+VEILED = 1 << 31
+"""More than all surfaces that part light: those behind a veil, whose light is not theirs alone."""
 
 
 class Visible(NamedTuple):
@@ -55,6 +59,9 @@ class Visible(NamedTuple):
                                   pass straight does not count
     ``lobes``                     bit i is set where the i-th of these, from 0, has reflected
                                   the ray; else it has refracted it
+    ``by_lesser``                 whether the chain goes by the lesser lobe of a surface, see
+                                  :func:`trace_visible`
+    ``pane``                      index in Dr.Jit's registry of the shape that it was; 0 without
     ``spread``                    how far the ray's end moves as the ray is aimed apart: scene
                                   units across the last ray for each at depth 1, without windows
                                   about the depth. Where nothing is hit it is that of the
@@ -71,6 +78,8 @@ class Visible(NamedTuple):
     throughput: mi.UnpolarizedSpectrum
     turns: mi.UInt32
     lobes: mi.UInt32
+    by_lesser: mi.Bool
+    pane: mi.UInt32
     spread: mi.Float
 
     @classmethod
@@ -86,6 +95,8 @@ class Visible(NamedTuple):
             throughput=mi.UnpolarizedSpectrum(1),
             turns=mi.UInt32(0),
             lobes=mi.UInt32(0),
+            by_lesser=mi.Bool(False),
+            pane=mi.UInt32(0),
             spread=dr.select(hit.is_valid(), depth, 1),
         )
 
@@ -100,7 +111,10 @@ class _Path:
     ``active``                    whether the path may go on
     ``count``                     surfaces at which it went on
     ``turns``, ``lobes``,         as in :class:`Visible`
-    ``throughput``
+    ``throughput``,
+    ``by_lesser``, ``pane``
+    ``parted``                    surfaces that parted its light into lobes; ``VEILED`` behind a
+                                  veil
     ``sharpness``                 weight in 1/depth of what it will show, from 1 down to 0 as rough
                                   surfaces take the image away
     ``vergence``                  share in 1/depth of rough surfaces that it has met
@@ -116,6 +130,9 @@ class _Path:
     turns: mi.UInt32
     lobes: mi.UInt32
     throughput: mi.UnpolarizedSpectrum
+    parted: mi.UInt32
+    by_lesser: mi.Bool
+    pane: mi.UInt32
     sharpness: mi.Float
     vergence: mi.Float
     length: mi.Float
@@ -137,6 +154,7 @@ def trace_visible(
     *,
     alphas: mi.Float | None = None,
     bounces: int = BOUNCES,
+    lesser: int | None = None,
 ) -> Visible:
     """Depth of what primary rays show, behind at most ``bounces`` mirrors and panes.
 
@@ -153,6 +171,9 @@ def trace_visible(
     - reflected or refracted, where the BSDF does nothing but that, as a smooth ``conductor``, a
       ``dielectric``, and a ``thindielectric`` at a grazing angle. Of two such lobes it follows
       the one with more light; where refraction is impossible, the total reflection.
+
+    Smooth glass that does both parts the light. At the surface of the number ``lesser`` of these,
+    from 0, the path goes by the lobe with less light.
 
     Anything else ends the path, and so does the front of a lamp. What is diffuse, or glossy with
     something diffuse below, has the depth of its surface. From rough microfacets
@@ -180,11 +201,13 @@ def trace_visible(
     require_whole("bounces", bounces, 0, MOST_BOUNCES)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
 
-    def followed(path: _Path, alphas: mi.Float | None) -> _Path:
+    number = None if lesser is None else dr.opaque(mi.UInt32, lesser)
+
+    def followed(path: _Path, alphas: mi.Float | None, lesser: mi.UInt32 | None) -> _Path:
         (end,) = dr.while_loop(
             (path,),
             lambda path: path.active & (path.count < bounces),
-            lambda path: (_step(scene, path, alphas, depth_of(path)),),
+            lambda path: (_step(scene, path, alphas, depth_of(path), lesser),),
         )
         return end
 
@@ -192,11 +215,12 @@ def trace_visible(
         image = path.transfer().image_depth()
         return dr.select(path.turns > 0, image, _depth(origin, axis, path.hit))
 
-    end = followed(_start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis)), None)
+    start = _start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis))
+    end = followed(start, None, number)
     depth, is_rough = depth_of(end), mi.Bool(False)
     if alphas is not None:
         beyond = dataclasses.replace(end, active=may_go_on(end.hit, alphas))
-        beyond = followed(beyond, alphas)
+        beyond = followed(beyond, alphas, None)
         is_rough = beyond.turns > end.turns
         image = dr.rcp(beyond.vergence + beyond.sharpness / depth_of(beyond))
         depth = dr.select(is_rough, image, depth)
@@ -212,6 +236,8 @@ def trace_visible(
         throughput=end.throughput,
         turns=end.turns,
         lobes=end.lobes,
+        by_lesser=end.by_lesser & ((end.pane > 0) | (end.turns == 0)),
+        pane=end.pane,
         spread=end.transfer().spread(),
     )
 
@@ -230,6 +256,9 @@ def _start(
         turns=mi.UInt32(0),
         lobes=mi.UInt32(0),
         throughput=mi.UnpolarizedSpectrum(1),
+        parted=mi.UInt32(0),
+        by_lesser=mi.Bool(False),
+        pane=mi.UInt32(0),
         sharpness=mi.Float(1),
         vergence=mi.Float(0),
         length=length,
@@ -239,10 +268,17 @@ def _start(
     )
 
 
-def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, depth: mi.Float) -> _Path:
+def _step(
+    scene: mi.Scene,
+    path: _Path,
+    alphas: mi.Float | None,
+    depth: mi.Float,
+    lesser: mi.UInt32 | None,
+) -> _Path:
     """The paths at what they meet next; ``depth`` is that of what they show where they are."""
     here = path.hit
-    onward = onward_from(here, path.active, path.turns > 0, alphas)
+    by_lesser = None if lesser is None else path.parted == lesser
+    onward = onward_from(here, path.active, path.turns > 0, alphas, lesser=by_lesser)
     sharpness, vergence = path.sharpness, path.vergence
     if alphas is not None:
         kept = dr.select(onward.turns, onward.sharpness, 1)
@@ -257,12 +293,15 @@ def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, depth: mi.Float
     there = scene.ray_intersect(ray, goes)
     step = dr.select(goes & there.is_valid(), dr.norm(there.p - here.p), 0)
     bit = dr.select(onward.turns & onward.reflects, mi.UInt32(1) << path.turns, 0)
-    return _Path(
+    end = _Path(
         active=goes & may_go_on(there, alphas),
         count=path.count + dr.select(goes, mi.UInt32(1), mi.UInt32(0)),
         turns=path.turns + dr.select(onward.turns, mi.UInt32(1), mi.UInt32(0)),
         lobes=path.lobes | bit,
         throughput=path.throughput * dr.select(goes, onward.weight, 1),
+        parted=path.parted,
+        by_lesser=path.by_lesser,
+        pane=path.pane,
         sharpness=sharpness,
         vergence=vergence,
         length=path.length + step,
@@ -270,6 +309,13 @@ def _step(scene: mi.Scene, path: _Path, alphas: mi.Float | None, depth: mi.Float
         hit=dr.select(goes, there, here),
         neighbours=neighbours.moved(step),
     )
+    if by_lesser is not None:
+        now, veiled = goes & onward.parts, goes & is_veil(here, dr.mean(onward.weight))
+        parted = path.parted + dr.select(now, mi.UInt32(1), mi.UInt32(0))
+        end.parted = dr.select(veiled, mi.UInt32(VEILED), parted)
+        end.by_lesser = path.by_lesser | (now & by_lesser)
+        end.pane = dr.select(now & by_lesser & onward.turns, registry_index(here), path.pane)
+    return end
 
 
 def _depth(origin: mi.Point3f, axis: mi.Vector3f, hit: mi.SurfaceInteraction3f) -> mi.Float:

@@ -25,7 +25,8 @@ class Chain:
     Field                         Meaning
     ============================  ==========================================================
     ``turns``, ``lobes``,         as in :class:`Visible`
-    ``spread``, ``is_rough``
+    ``spread``, ``is_rough``,
+    ``pane``
     ``met``                       whether it ends at a surface; else in the sky
     ``point``                     where that is
     ``normal``                    the surface's unit normal
@@ -38,6 +39,7 @@ class Chain:
     lobes: mi.UInt32
     spread: mi.Float
     is_rough: mi.Bool
+    pane: mi.UInt32
     met: mi.Bool
     point: mi.Point3f
     normal: mi.Normal3f
@@ -53,6 +55,7 @@ class Chain:
             lobes=visible.lobes,
             spread=visible.spread,
             is_rough=visible.is_rough,
+            pane=visible.pane,
             met=hit.is_valid(),
             point=hit.p,
             normal=hit.n,
@@ -130,7 +133,8 @@ def _step(scene: mi.Scene, walk: _Walk, chain: Chain) -> _Walk:
     """The rays at what they meet next."""
     here = walk.hit
     reflects = ((chain.lobes >> walk.turns) & 1) == 1
-    onward = onward_from(here, walk.active, walk.turns > 0, reflects=reflects)
+    mirrors = reflects & (registry_index(here) == chain.pane)
+    onward = onward_from(here, walk.active, walk.turns > 0, reflects=reflects, mirrors=mirrors)
     turns = onward.turns & (walk.turns < chain.turns)
     goes = onward.straight | turns
     direction = dr.select(turns, onward.direction, walk.ray.d)

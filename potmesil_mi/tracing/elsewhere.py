@@ -1,0 +1,212 @@
+"""What the lens sees in windows and the pinhole does not: other points of the lens find it."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import scipy.ndimage
+
+from .._backend import from_numpy
+from .._progress import track
+from ..samples.columns import (
+    ELSEWHERE,
+    VISIBILITY_POINTS,
+    Columns,
+    points_that_see,
+    visibility_points,
+)
+from ..samples.raster import Window
+from .buffers import Shown, to_host
+from .images import ALL, VirtualImage, seen_by, seen_by_some
+from .lens_rays import TURN, LensRays
+from .lobes import LEAST_SHARE, Rest, by_lobe, share_of
+from .passes import wavefronts
+from .patterns import sampler_cells
+from .rays import PrimaryRays
+from .seen_through import LABEL
+
+MOST_SHIFTED = 0.95
+"""How far images are shifted that are sought: as far as this part of those that are known."""
+
+TRIED_IN_A_PIXEL = 1024
+"""So many points of the lens are tried by as many samples in a pixel as the pinhole's: how many see
+what is found tells what it counts."""
+
+FINDERS = 2
+"""Rays by which what the pinhole does not see is looked for, for each of its samples. Most find
+nothing new, and are not shaded."""
+
+
+def seen_elsewhere(
+    rays: PrimaryRays, lens: LensRays, window: Window, columns: Columns, lobes: int
+) -> list[Columns]:
+    """What the lens sees in windows and the pinhole does not: samples of layer ``ELSEWHERE``.
+
+    Rays of the points of the lens show it. Its place is where the pinhole would see the image.
+    What several of the points see is found from each of them, so that a sample there stands for
+    less. ``columns`` are the samples that there are, among them those of so many lesser ``lobes``
+    of a ray.
+    """
+    assert columns.through is not None
+    images = columns.through > 0
+    vergence = float(np.median(1 / columns.z[images]))
+    each = FINDERS * rays.passes.spp
+    finder = _Finder(rays, lens, window, vergence, lobes)
+    around = _around(window, lens, columns)
+    parts = [
+        cells.chosen(cells.touch(around, window)) for cells in sampler_cells(rays.crop, window)
+    ]
+    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), each)]
+    found = []
+    for cells in track(passes, LABEL):
+        for lesser in (None, *range(lobes)):
+            rays.passes.begin(len(cells) * each)
+            position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
+            found.append(finder.found(position, np.repeat(cells.area / each, each), lesser))
+    return [part for part in found if part is not None]
+
+
+def _around(window: Window, lens: LensRays, columns: Columns) -> np.ndarray:
+    """The pixels of ``window``, bool (H, W), in which there may be images the pinhole does not see.
+
+    There is one as far from an image that some points of the lens do not see as these are shifted.
+    """
+    assert columns.through is not None
+    assert columns.visibility is not None
+    partly = (columns.through > 0) & (columns.layer == 0) & (columns.visibility != ALL)
+    found = np.zeros(window.size, dtype=bool)
+    found[window.pixel_of(columns.x[partly], columns.y[partly])] = True
+    if not found.any():
+        return found.reshape(window.shape)
+    apart = np.quantile(np.abs(1 / columns.through[partly] - 1 / columns.z[partly]), MOST_SHIFTED)
+    reach = math.ceil(min(apart * lens.parallax, max(window.shape))) + 1
+    return scipy.ndimage.maximum_filter(found.reshape(window.shape), 2 * reach + 1)
+
+
+class _Finder:
+    """Finds in windows what points of the lens see and the pinhole does not.
+
+    Their rays go to where those of the pinhole are at a ``vergence``, so that most of what they
+    find is seen near there.
+    """
+
+    def __init__(
+        self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float, lobes: int
+    ) -> None:
+        self.rays, self.lens, self.window, self.lobes = rays, lens, window, lobes
+        self.vergence = dr.opaque(mi.Float, vergence)
+        self.u, self.v = (
+            from_numpy(mi.Float, column) for column in visibility_points(lens.radius).T
+        )
+
+    def found(self, position: mi.Point2f, area: np.ndarray, lesser: int | None) -> Columns | None:
+        """What is found by rays by way of each ``position`` on the film; ``None`` for nothing.
+
+        ``area``, (N,), is what of the film each of them stands for, in pixels. It is found by the
+        ``lesser`` lobe of that number.
+        """
+        # Each has its turn, in an order without a pattern.
+        turn = dr.arange(mi.UInt32, dr.width(position)) * mi.UInt32(TURN)
+        point = turn >> mi.UInt32(32 - int(math.log2(VISIBILITY_POINTS)))
+        ray, _ = self._ray(position, point)
+        visible = self.rays.visible(mi.Ray3f(ray), lesser)
+        image = VirtualImage.of(ray, visible, self.rays)
+        new = visible.through_window & (visible.by_lesser | (lesser is None))
+        new &= ~image.seen_from(mi.Float(0), mi.Float(0), self.lens, new)
+        x, y = self._place(image)
+        new &= (x >= self.window.left) & (x < self.window.right)
+        new &= (y >= self.window.top) & (y < self.window.bottom)
+        depth, surface = self.rays.depth(visible.first), self.rays.surface_of(visible.hit)
+        known = x, y, visible.depth, depth, surface
+        dr.eval(new, image, position, known)
+        index = dr.compress(new)
+        if dr.width(index) == 0:
+            return None
+        x, y, z, through, surface = (np.array(dr.gather(type(of), of, index)) for of in known)
+        chosen = dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
+        image = dr.gather(VirtualImage, image, index)
+        # The points that others try do not depend on which point has found them.
+        own = seen_by_some(image, np.array(chosen[1]), self.lens, 1)
+        visibility = own | seen_by(image, x, y, self.lens, TRIED_IN_A_PIXEL)
+        share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
+        rgb, alpha, part = self._shown(*chosen, lesser)
+        found = Columns(
+            x=x,
+            y=y,
+            rgb=rgb,
+            alpha=alpha,
+            z=z,
+            surface=surface,
+            weight=area[np.array(index)] * share * part,
+            layer=np.full(len(x), ELSEWHERE, np.uint8),
+            through=through,
+            visibility=visibility,
+        )
+        return found.chosen((own > 0) & found.is_valid() & (part > 0))
+
+    def _ray(
+        self, position: mi.Point2f, point: mi.UInt32
+    ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
+        """The ray of each ``point`` by way of each ``position``, and its weight."""
+        ray, weight = self.rays.sampled(position)
+        axis, origin = self.lens.axis, self.lens.origin
+        per_depth = ray.d / dr.dot(ray.d, axis)
+        u, v = dr.gather(mi.Float, self.u, point), dr.gather(mi.Float, self.v, point)
+        step = u * self.lens.across[0] + v * self.lens.across[1]
+        near = dr.dot(ray.o - origin, axis)
+        ray.o += step * (1 - near * self.vergence)
+        ray.d = dr.normalize(per_depth - step * self.vergence)
+        ray.has_differentials = False
+        return ray, weight
+
+    def _place(self, image: VirtualImage) -> tuple[mi.Float, mi.Float]:
+        """Where on the film the pinhole would see images, in pixels."""
+        camera = self.rays.sensor.camera()
+        apart = dr.select(image.is_near, image.point - self.lens.origin, image.direction)
+        scale = camera.focal_length_pixels / dr.dot(apart, self.lens.axis)
+        x, y = (
+            dr.opaque(mi.Float, middle) - scale * dr.dot(apart, across)
+            for middle, across in zip(camera.principal_point, self.lens.across, strict=True)
+        )
+        return x, y
+
+    def _shown(
+        self, position: mi.Point2f, point: mi.UInt32, lesser: int | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the rays by way of each ``position`` show by a lobe: radiance, alpha and its share.
+
+        They are float32 (N, 3), (N,) and (N,).
+        """
+        shown, share = self._shaded(position, point, lesser)
+        if lesser is not None:
+            share = share_of(share)
+            rgb = shown.rgb / np.maximum(share, LEAST_SHARE)[:, None]
+            return rgb, np.ones_like(shown.alpha), share
+        rest = Rest.of(shown.rgb)
+        for number in range(self.lobes):
+            lobe, share = self._shaded(position, point, number)
+            share = share_of(share)
+            rest.less(slice(None), np.where(share[:, None] > 0, lobe.rgb, 0), share)
+        return rest.rgb, shown.alpha, rest.share
+
+    def _shaded(
+        self, position: mi.Point2f, point: mi.UInt32, lesser: int | None
+    ) -> tuple[Shown, np.ndarray]:
+        """What the rays by way of each ``position`` show by a lobe, and the share of that."""
+        count = dr.width(position)
+        lanes = self.rays.passes.begin_for(count)
+        lane = dr.minimum(dr.arange(mi.UInt32, lanes), count - 1)
+        ray, weight = self._ray(
+            dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
+        )
+        if lesser is None:
+            nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
+            traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
+            share = dr.full(mi.Float, 1, lanes)
+        else:
+            traced, share = by_lobe(self.rays, ray, weight, lesser)
+        shown, (share,) = to_host(traced, share)
+        return shown[:count], share[:count]

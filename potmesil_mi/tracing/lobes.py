@@ -1,0 +1,144 @@
+"""Lesser lobes: smooth glass parts the light of a ray into what it reflects and what it refracts.
+
+What comes by the lobe with more light is what the samples show, see
+:mod:`potmesil_mi.tracing.virtual_depth`. Here is the rest: of the radiance L_0 along a ray the part
+S = F L_1 comes by another lobe, F the share of that lobe and L_1 the radiance along its ray. It
+becomes a sample of its own, of the share F of the ray and at the depth of its own image, and the
+ray keeps L_0 - S. Together they are just L_0, so they add no noise to the picture through the
+pinhole.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..samples.columns import Columns
+from .buffers import SampleBuffer, Shown, Traced
+from .lens_rays import LensRays
+from .rays import PrimaryRays
+from .seen_through import seen_through
+
+MOST_LOBES = 2
+"""Most lesser lobes of a ray that are told apart: a pane reflects with both its faces."""
+
+LEAST_SHARE = 1 / 64
+"""Lobes of a smaller share of the light are left where they are: glass reflects at least 1/25."""
+
+MOST_SHARE = 0.5
+"""A lesser lobe has no more of the light of a ray."""
+
+LABEL = "Reflections"
+"""What is said of the progress."""
+
+
+def part_lobes(
+    buffer: SampleBuffer,
+    through: np.ndarray,
+    rays: PrimaryRays,
+    lens: LensRays,
+    paths: int,
+    layers: int,
+) -> list[Columns]:
+    """Part those of the first samples, of one ray each, whose light glass parts.
+
+    ``through``, (N,), is theirs. Returns samples of the first lesser lobe, and of the second. Each
+    is shaded by ``paths`` paths. What is seen straight through a pane shows beside it, too: with
+    more than one of the ``layers`` it gets hidden twins of the share that the pane keeps back.
+    """
+    primary = len(through)
+    columns = buffer.columns()
+    x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary].copy()
+    rest, parted = Rest.of(columns.rgb[:primary]), np.arange(primary)
+    parts = []
+    for number in range(MOST_LOBES):
+        begins = np.zeros(len(parted), np.float32)
+        seen = seen_through(x[parted], y[parted], begins, rays, lens, number)
+        # Only what one surface parts is parted by a second one.
+        parts_it = np.flatnonzero(seen.share)
+        parted, seen = parted[parts_it], seen.chosen(parts_it)
+        there = np.flatnonzero(share_of(seen.share))
+        where, seen = parted[there], seen.chosen(there)
+        share = share_of(seen.share)
+        if len(where) == 0:
+            break
+
+        def trace(position: mi.Point2f, number: int = number) -> Traced:
+            return by_lobe(rays, *rays.sampled(position), number)[0]
+
+        shown = rays.passes.averaged(x[where], y[where], trace, LABEL, paths=paths)
+        rest.less(where, shown.rgb, share)
+        # The pinhole does see it.
+        seen.visibility[(seen.through > 0) & (seen.visibility == 0)] = 1
+        parts.append(
+            Columns(
+                x=x[where],
+                y=y[where],
+                rgb=shown.rgb / share[:, None],
+                alpha=columns.alpha[where],
+                z=seen.depth,
+                surface=shown.surface,
+                weight=weight[where] * share,
+                layer=np.zeros(len(where), np.uint8),
+                through=seen.through,
+                visibility=seen.visibility,
+            )
+        )
+    which = np.flatnonzero(rest.share < 1)
+    others = columns.alpha[which], columns.z[which], columns.surface[which]
+    shown, share = Shown(rest.rgb[which], *others), rest.share[which]
+    buffer.put(which, shown, weight[which] * share)
+    if layers > 1:
+        beside = through[which] == 0
+        twins = which[beside]
+        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - share[beside]), 1)
+    return parts
+
+
+class Rest:
+    """What rays keep of their light, of which lesser lobes are parted.
+
+    ``light``, float64 (N, 3), is that light, and ``share``, float64 (N,), the part of the rays.
+    """
+
+    def __init__(self, light: np.ndarray, share: np.ndarray) -> None:
+        self.light, self.share = light, share
+
+    @classmethod
+    def of(cls, rgb: np.ndarray) -> Rest:
+        """All of the radiance ``rgb``, (N, 3)."""
+        return cls(rgb.astype(np.float64), np.ones(len(rgb)))
+
+    def less(self, which: np.ndarray | slice, light: np.ndarray, share: np.ndarray) -> None:
+        """Take from the rays ``which`` the ``light`` of a lobe and its ``share``."""
+        self.light[which] -= light
+        self.share[which] -= share
+
+    @property
+    def rgb(self) -> np.ndarray:
+        """The radiance of what is left, float32 (N, 3)."""
+        return (self.light / self.share[:, None]).astype(np.float32)
+
+
+def share_of(share: np.ndarray) -> np.ndarray:
+    """The shares of lesser lobes, (N,), that become samples of their own; 0 of those that do not.
+
+    Two of them leave something.
+    """
+    return np.where(share >= LEAST_SHARE, np.minimum(share, MOST_SHARE / MOST_LOBES), 0)
+
+
+def by_lobe(
+    rays: PrimaryRays, ray: mi.RayDifferential3f, weight: mi.Spectrum, number: int
+) -> tuple[Traced, mi.Float]:
+    """What a ray of a ``weight`` shows by the lesser lobe of a ``number``, and the share of that.
+
+    Where there is none, both are 0.
+    """
+    visible = rays.visible(mi.Ray3f(ray), number)
+    throughput = dr.select(visible.by_lesser, visible.throughput, 0)
+    last = mi.RayDifferential3f(visible.last)
+    surface = rays.surface_of(visible.hit)
+    traced = rays.shaded(last, weight * mi.Spectrum(throughput), visible.depth, surface, None)
+    return traced, dr.mean(throughput)
