@@ -98,6 +98,34 @@ def test_points_of_the_lens_see_an_image_where_their_rays_meet_the_mirror():
         assert clear.mean() > 0.9
 
 
+@pytest.mark.parametrize("layer", [0, ELSEWHERE])
+def test_points_that_are_not_tried_are_told_by_others_of_the_pixel(layer):
+    # At 64 samples each tries 4 points.
+    scene = scene_of(mirror=plane(1, size=0.2, bsdf=PLAIN), wall=lamp(-5, facing=1), back=lamp(9))
+    some, image = images(pm.render_samples(scene), layer)
+    expected = np.abs(crossing(some, image, 1.0)).max(axis=2) < 0.2
+    found = bits(some)
+    partly = ~expected.all(axis=1)
+    assert partly.sum() > 1000
+    assert (found == expected)[partly].mean() > 0.93
+    assert abs(found[partly].mean() - expected[partly].mean()) < 0.01
+    # No point sees more than it should, wherever in the lens it is.
+    by_point = found[partly].mean(axis=0) - expected[partly].mean(axis=0)
+    assert np.abs(by_point).max() < 0.03
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield"])
+def test_the_rim_of_a_bright_mirror_in_focus_has_no_halo(method):
+    scene = scene_of(mirror=plane(1, size=0.2, bsdf=PLAIN), wall=lamp(-5, 20.0, 1), back=lamp(9))
+    samples = pm.render_samples(scene)
+    picture = np.array(pm.focus(samples, samples.lens.replace(focus_distance=1.0), method=method))
+    profile = picture[SIZE // 2 - 6 : SIZE // 2 + 6, : SIZE // 2, 1].mean(axis=0)
+    rim = SIZE / 2 - 0.2 * samples.camera.focal_length_pixels
+    column = np.arange(SIZE // 2)
+    np.testing.assert_allclose(profile[column + 3 < rim], 1, atol=0.1)
+    np.testing.assert_allclose(profile[column - 2 > rim], 20, atol=1.0)
+
+
 def bar_at(z):
     place = mi.ScalarTransform4f().translate([0, 0, z]).rotate([0, 1, 0], 180)
     return place.scale([0.01, 5, 1])
