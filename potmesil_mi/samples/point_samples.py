@@ -20,7 +20,7 @@ from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import deep_exr
-from .columns import OF_DEFAULT, Columns, require_visibility_radius, visibility_points
+from .columns import ELSEWHERE, OF_DEFAULT, Columns, require_visibility_radius, visibility_points
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -145,9 +145,14 @@ class PointSamples(Columns):
 
     @functools.cached_property
     def hidden_to_visible(self) -> float:
-        """Samples of what is hidden from the pinhole, for each of what it sees."""
-        hidden = int(np.count_nonzero(self.layer))
-        return hidden / max(len(self) - hidden, 1)
+        """How much is hidden from the pinhole, for each of what it sees, by weight.
+
+        What is seen in windows from elsewhere in the lens, which is known of it, does not count.
+        """
+        weight = self.weight.astype(np.float64)
+        hidden = weight[(self.layer > 0) & (self.layer != ELSEWHERE)].sum()
+        visible = weight[self.layer == 0].sum()
+        return float(hidden / visible) if visible > 0 else 0.0
 
     @property
     def is_crowded(self) -> bool:

@@ -19,10 +19,10 @@ from ..samples.columns import (
     visibility_points,
 )
 from ..samples.raster import Window
-from .buffers import Shown, to_host
+from .buffers import to_host
 from .images import ALL, VirtualImage, seen_by, seen_by_some
 from .lens_rays import TURN, LensRays
-from .lobes import LEAST_SHARE, Rest, by_lobe, share_of
+from .lobes import LEAST_SHARE, by_lobe, share_of
 from .passes import wavefronts
 from .patterns import sampler_cells
 from .rays import PrimaryRays
@@ -53,19 +53,25 @@ def seen_elsewhere(
     assert columns.through is not None
     images = columns.through > 0
     vergence = float(np.median(1 / columns.z[images]))
-    each = FINDERS * rays.passes.spp
     finder = _Finder(rays, lens, window, vergence, lobes)
     around = _around(window, lens, columns)
     parts = [
         cells.chosen(cells.touch(around, window)) for cells in sampler_cells(rays.crop, window)
     ]
-    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), each)]
     found = []
-    for cells in track(passes, LABEL):
-        for lesser in (None, *range(lobes)):
-            rays.passes.begin(len(cells) * each)
-            position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
-            found.append(finder.found(position, np.repeat(cells.area / each, each), lesser))
+    # Lesser lobes have little light: half as many rays do.
+    spp = rays.passes.spp
+    kinds = [(None, FINDERS * spp), *((number, spp) for number in range(lobes))]
+    passes = [
+        (cells[part], lesser, each)
+        for lesser, each in kinds
+        for cells in parts
+        for part in wavefronts(len(cells), each)
+    ]
+    for cells, lesser, each in track(passes, LABEL):
+        rays.passes.begin(len(cells) * each)
+        position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
+        found.append(finder.found(position, np.repeat(cells.area / each, each), lesser))
     return [part for part in found if part is not None]
 
 
@@ -180,33 +186,20 @@ class _Finder:
 
         They are float32 (N, 3), (N,) and (N,).
         """
-        shown, share = self._shaded(position, point, lesser)
-        if lesser is not None:
-            share = share_of(share)
-            rgb = shown.rgb / np.maximum(share, LEAST_SHARE)[:, None]
-            return rgb, np.ones_like(shown.alpha), share
-        rest = Rest.of(shown.rgb)
-        for number in range(self.lobes):
-            lobe, share = self._shaded(position, point, number)
-            share = share_of(share)
-            rest.less(slice(None), np.where(share[:, None] > 0, lobe.rgb, 0), share)
-        return rest.rgb, shown.alpha, rest.share
-
-    def _shaded(
-        self, position: mi.Point2f, point: mi.UInt32, lesser: int | None
-    ) -> tuple[Shown, np.ndarray]:
-        """What the rays by way of each ``position`` show by a lobe, and the share of that."""
         count = dr.width(position)
         lanes = self.rays.passes.begin_for(count)
         lane = dr.minimum(dr.arange(mi.UInt32, lanes), count - 1)
         ray, weight = self._ray(
             dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
         )
-        if lesser is None:
+        if self.lobes == 0:
             nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
             traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
-            share = dr.full(mi.Float, 1, lanes)
-        else:
-            traced, share = by_lobe(self.rays, ray, weight, lesser)
+            shown = to_host(traced)[0][:count]
+            return shown.rgb, shown.alpha, np.ones(count, np.float32)
+        # Of glass each lobe has what it shows alone.
+        traced, share = by_lobe(self.rays, ray, weight, lesser)
         shown, (share,) = to_host(traced, share)
-        return shown[:count], share[:count]
+        share = share[:count] if lesser is None else share_of(share[:count])
+        rgb = shown.rgb[:count] / np.maximum(share, LEAST_SHARE)[:, None]
+        return rgb, np.ones(count, np.float32), share

@@ -14,7 +14,7 @@ import scipy.optimize
 from .._backend import from_numpy
 from ..optics.disc import lens_points
 from ..samples.columns import VISIBILITY_POINTS, visibility_points
-from .lens_rays import LensRays
+from .lens_rays import TURN, LensRays
 from .passes import wavefronts
 from .rays import PrimaryRays
 from .virtual_depth import Visible
@@ -34,9 +34,6 @@ TRIED_IN_A_PIXEL = 256
 
 KEYS_AT_ONCE = 1 << 12
 """So many groups of images are looked at together: memory is bounded."""
-
-GOLDEN = (5**0.5 - 1) / 2
-"""The golden section, whose multiples modulo 1 leave no pattern."""
 
 ALL = 2**VISIBILITY_POINTS - 1
 """``visibility`` of what all points of the lens see."""
@@ -176,8 +173,10 @@ def _told(seen: np.ndarray, number: np.ndarray, count: int, key: np.ndarray) -> 
         tries = np.add.reduceat(tried, here, axis=0, dtype=np.float32)[of_key]
         part = np.add.reduceat(sees, here, axis=0, dtype=np.float32)[of_key] / np.maximum(tries, 1)
         # Each image has a threshold of its own for each point, without a pattern.
-        turn = (np.arange(len(rows))[:, None] + np.arange(VISIBILITY_POINTS) * stride) * GOLDEN
-        told = part > (turn % 1).astype(np.float32)
+        turn = np.arange(len(rows), dtype=np.uint32)[:, None]
+        turn = turn + np.arange(VISIBILITY_POINTS, dtype=np.uint32) * np.uint32(stride)
+        turn *= np.uint32(TURN)
+        told = part > (turn >> 8).astype(np.float32) * np.float32(2**-24)
         nearest = np.take_along_axis(sees, _nearest(stride)[number[rows] % stride], axis=1)
         told = np.where(tries > 0, told, nearest)
         found = np.where(tried, sees, told)

@@ -19,6 +19,7 @@ from .buffers import SampleBuffer, Shown, Traced
 from .lens_rays import LensRays
 from .rays import PrimaryRays
 from .seen_through import seen_through
+from .virtual_depth import NO_LOBE
 
 MOST_LOBES = 2
 """Most lesser lobes of a ray that are told apart: a pane reflects with both its faces."""
@@ -130,15 +131,16 @@ def share_of(share: np.ndarray) -> np.ndarray:
 
 
 def by_lobe(
-    rays: PrimaryRays, ray: mi.RayDifferential3f, weight: mi.Spectrum, number: int
+    rays: PrimaryRays, ray: mi.RayDifferential3f, weight: mi.Spectrum, lesser: int | None
 ) -> tuple[Traced, mi.Float]:
-    """What a ray of a ``weight`` shows by the lesser lobe of a ``number``, and the share of that.
+    """What a ray of a ``weight`` shows by a chain of surfaces alone, and the share of that.
 
-    Where there is none, both are 0.
+    The chain goes by the ``lesser`` lobe of that number; where there is none, both are 0.
     """
-    visible = rays.visible(mi.Ray3f(ray), number)
-    throughput = dr.select(visible.by_lesser, visible.throughput, 0)
+    visible = rays.visible(mi.Ray3f(ray), NO_LOBE if lesser is None else lesser)
+    there = visible.by_lesser | (lesser is None)
     last = mi.RayDifferential3f(visible.last)
     surface = rays.surface_of(visible.hit)
-    traced = rays.shaded(last, weight * mi.Spectrum(throughput), visible.depth, surface, None)
-    return traced, dr.mean(throughput)
+    weight = weight * mi.Spectrum(dr.select(there, visible.throughput, 0))
+    traced = rays.shaded(last, weight, visible.depth, surface, None)
+    return traced, dr.select(there, visible.share, 0)

@@ -81,8 +81,9 @@ class Onward(NamedTuple):
     ``weight``                    radiance before the surface over that beyond it, unless it is
                                   rough
     ``sharpness``                 weight of what is seen beyond in 1/depth; 1 unless it is rough
-    ``parts``                     whether smooth glass parts the light, into a lobe that reflects
-                                  and one that does not
+    ``lesser_share``              where smooth glass parts the light into two lobes the part of it
+                                  that goes by the lesser one; else 0, and unless ``lesser`` was
+                                  asked for
     ============================  ==========================================================
     """
 
@@ -93,7 +94,7 @@ class Onward(NamedTuple):
     eta: mi.Float
     weight: mi.UnpolarizedSpectrum
     sharpness: mi.Float
-    parts: mi.Bool
+    lesser_share: mi.Float
 
 
 def passes_straight(hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
@@ -175,11 +176,15 @@ def onward_from(
     sample, weight = _sampled(hit, active)
     smooth = active & _only_specular(kinds)
     glass = _may_be_glass(kinds)
-    parts, other = mi.Bool(False), mi.Bool(False)
+    lesser_share, other = mi.Float(0), mi.Bool(False)
     if lesser is not None:
         reflected = _reflects(sample)
         beside = _sampled(hit, smooth & glass, sample1=dr.select(reflected, LAST, 0))
         parts = smooth & glass & (dr.max(beside[1]) > 0) & (_reflects(beside[0]) != reflected)
+        shares = [
+            of.pdf * dr.mean(value) * dr.square(of.eta) for of, value in (beside, (sample, weight))
+        ]
+        lesser_share = dr.select(parts, shares[0] / (shares[0] + shares[1]), 0)
         other = parts & lesser
         sample, weight = dr.select(other, beside[0], sample), dr.select(other, beside[1], weight)
     alpha = mi.Float(0) if alphas is None else alpha_at(hit, alphas, active & ~smooth)
@@ -204,7 +209,7 @@ def onward_from(
         eta=sample.eta,
         weight=dr.select(null, passes, sample.pdf * weight),
         sharpness=mi.Float(1),
-        parts=parts,
+        lesser_share=lesser_share,
     )
     return onward if alphas is None else _of_microfacets(onward, hit, alpha)
 

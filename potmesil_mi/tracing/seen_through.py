@@ -74,7 +74,7 @@ def seen_through(
         through_window, first = visible.through_window, rays.depth(visible.first)
         if lesser is not None:
             through_window = through_window & visible.by_lesser
-            parts = dr.select(visible.by_lesser, dr.mean(visible.throughput), 0)
+            parts = dr.select(visible.by_lesser, visible.share, 0)
             dr.eval(through_window, first, visible.depth, image, parts)
             share[part], depth[part] = np.array(parts), np.array(visible.depth)
         dr.eval(through_window, first, visible.depth, image)

@@ -30,6 +30,9 @@ images next to the lens, too, but of no more than a few rays."""
 MOST_BOUNCES = 32
 """The kinds of so many surfaces are bits of a number."""
 
+NO_LOBE = 1 << 30
+"""A number that no surface has of those that part light."""
+
 VEILED = 1 << 31
 """More than all surfaces that part light: those behind a veil, whose light is not theirs alone."""
 
@@ -55,6 +58,9 @@ class Visible(NamedTuple):
                                   of the chain along the primary ray. It is the product of the
                                   shares of light of the lobes that were followed; in refracting
                                   surfaces these include the change of radiance by eta²
+    ``share``                     part of the ray that goes along the chain, from 0 to 1: what
+                                  glass parts and what veils keep back is not, but what surfaces
+                                  absorb is. It is 1 unless ``lesser`` was asked for
     ``turns``                     how many surfaces of the chain turned the ray. What lets it
                                   pass straight does not count
     ``lobes``                     bit i is set where the i-th of these, from 0, has reflected
@@ -76,6 +82,7 @@ class Visible(NamedTuple):
     through_window: mi.Bool
     last: mi.Ray3f
     throughput: mi.UnpolarizedSpectrum
+    share: mi.Float
     turns: mi.UInt32
     lobes: mi.UInt32
     by_lesser: mi.Bool
@@ -93,6 +100,7 @@ class Visible(NamedTuple):
             through_window=mi.Bool(False),
             last=ray,
             throughput=mi.UnpolarizedSpectrum(1),
+            share=mi.Float(1),
             turns=mi.UInt32(0),
             lobes=mi.UInt32(0),
             by_lesser=mi.Bool(False),
@@ -112,7 +120,8 @@ class _Path:
     ``count``                     surfaces at which it went on
     ``turns``, ``lobes``,         as in :class:`Visible`
     ``throughput``,
-    ``by_lesser``, ``pane``
+    ``share``, ``by_lesser``,
+    ``pane``
     ``parted``                    surfaces that parted its light into lobes; ``VEILED`` behind a
                                   veil
     ``sharpness``                 weight in 1/depth of what it will show, from 1 down to 0 as rough
@@ -130,6 +139,7 @@ class _Path:
     turns: mi.UInt32
     lobes: mi.UInt32
     throughput: mi.UnpolarizedSpectrum
+    share: mi.Float
     parted: mi.UInt32
     by_lesser: mi.Bool
     pane: mi.UInt32
@@ -173,7 +183,7 @@ def trace_visible(
       the one with more light; where refraction is impossible, the total reflection.
 
     Smooth glass that does both parts the light. At the surface of the number ``lesser`` of these,
-    from 0, the path goes by the lobe with less light.
+    from 0, the path goes by the lobe with less light; ``NO_LOBE`` is none of them.
 
     Anything else ends the path, and so does the front of a lamp. What is diffuse, or glossy with
     something diffuse below, has the depth of its surface. From rough microfacets
@@ -234,6 +244,7 @@ def trace_visible(
         through_window=through_window,
         last=end.ray,
         throughput=end.throughput,
+        share=end.share,
         turns=end.turns,
         lobes=end.lobes,
         by_lesser=end.by_lesser & ((end.pane > 0) | (end.turns == 0)),
@@ -256,6 +267,7 @@ def _start(
         turns=mi.UInt32(0),
         lobes=mi.UInt32(0),
         throughput=mi.UnpolarizedSpectrum(1),
+        share=mi.Float(1),
         parted=mi.UInt32(0),
         by_lesser=mi.Bool(False),
         pane=mi.UInt32(0),
@@ -299,6 +311,7 @@ def _step(
         turns=path.turns + dr.select(onward.turns, mi.UInt32(1), mi.UInt32(0)),
         lobes=path.lobes | bit,
         throughput=path.throughput * dr.select(goes, onward.weight, 1),
+        share=path.share,
         parted=path.parted,
         by_lesser=path.by_lesser,
         pane=path.pane,
@@ -310,7 +323,10 @@ def _step(
         neighbours=neighbours.moved(step),
     )
     if by_lesser is not None:
-        now, veiled = goes & onward.parts, goes & is_veil(here, dr.mean(onward.weight))
+        now, veiled = goes & (onward.lesser_share > 0), goes & is_veil(here, dr.mean(onward.weight))
+        share = dr.select(by_lesser, onward.lesser_share, 1 - onward.lesser_share)
+        share = dr.select(veiled, dr.mean(onward.weight), share)
+        end.share = path.share * dr.select(now | veiled, share, 1)
         parted = path.parted + dr.select(now, mi.UInt32(1), mi.UInt32(0))
         end.parted = dr.select(veiled, mi.UInt32(VEILED), parted)
         end.by_lesser = path.by_lesser | (now & by_lesser)
