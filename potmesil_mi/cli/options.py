@@ -46,10 +46,11 @@ LENS_OPTIONS = {
 METHOD_OPTIONS = {
     "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation "
     "20; or one with parameters, such as layered:lens_points=64,squares=2",
-    "lens_points": "points of the lens from which visibility is found (32 or 64, lightfield 128)",
+    "lens_points": "points of the lens from which visibility is found (32 or 64, "
+    "lightfield 128 or 192)",
     "tables": "paper: number of depth tables (default 73)",
     "inverse_square": "paper: weight samples by 1/z^2 (default: yes)",
-    "squares": "squares on a side of a pixel (layered 1 or 2, others 2)",
+    "squares": "squares on a side of a pixel (layered 1 or 2, lightfield 2 or 4, paper 2)",
 }
 """Help of the options that say how ``focus`` forms the picture."""
 

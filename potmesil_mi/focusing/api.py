@@ -69,8 +69,9 @@ def focus(
                                   one
     ``squares``                   each pixel is evaluated on so many subpixels on a side, 1 to
                                   16 (default: ``layered`` 1, the others, and with
-                                  diffraction all, 2; but 1 where there are less than 4
-                                  samples a pixel, except in ``paper``)
+                                  diffraction all, 2; ``layered`` 2 and ``lightfield`` 4 in
+                                  crowded scenes; but no more than the root of the samples
+                                  a pixel, except in ``paper``)
     ``rfilter``                   the film's reconstruction filter; box by default
     ``alpha``                     add a fourth channel with the coverage
     ``filters``                   special effects, applied to the finished picture in their

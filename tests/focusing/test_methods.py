@@ -1,12 +1,14 @@
 """Methods: one family of dataclasses and of texts, open to a user's own."""
 
 import dataclasses
+import math
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi.focusing import methods
 from potmesil_mi.focusing.methods import method_of
 from scenes import overscanned, pinhole_mean, synthetic
 
@@ -103,19 +105,36 @@ def test_the_paper_refuses_vignetting_before_anything_is_formed():
         pm.focus(samples, samples.lens.replace(vignetting=0.5), method="paper")
 
 
-def test_layered_looks_closer_where_much_is_hidden():
-    """A crowded scene is seen from more points on a finer raster; lightfield is fine already."""
+def test_methods_look_closer_where_much_is_hidden():
+    """A crowded scene is seen from more points on a finer raster."""
     samples = overscanned(20_000)
     crowd = samples.replace(layer=(np.arange(len(samples)) % 4 == 3).astype(np.uint8))
     few = samples.replace(layer=(np.arange(len(samples)) % 8 == 7).astype(np.uint8))
     psf = crowd.lens.aperture
     for method, squares, points in (
         (pm.Layered(), (1, 2), (32, 64)),
-        (pm.LightField(), (2, 2), (128, 128)),
+        (pm.LightField(), (2, 4), (128, 192)),
     ):
         both = few, crowd
         assert tuple(method.default_squares(each, psf) for each in both) == squares
         assert tuple(method.points_for(each) for each in both) == points
+
+
+def test_lightfield_looks_no_closer_than_memory_and_samples_allow(monkeypatch):
+    """Crowded or not, many samples are seen as usual, and no subpixel is without a sample."""
+    samples = overscanned(20_000)
+    crowd = samples.replace(layer=(np.arange(len(samples)) % 4 == 3).astype(np.uint8))
+    psf, method = crowd.lens.aperture, pm.LightField()
+    few = crowd.chosen(np.arange(len(crowd)) % 4 < 2).replace(
+        layer=(np.arange(len(crowd) // 2) % 4 == 3).astype(np.uint8)
+    )
+    assert few.is_crowded
+    assert few.spp < 16
+    assert method.default_squares(few, psf) == math.isqrt(few.spp)
+    monkeypatch.setattr(methods, "MAX_FINE_SAMPLES", len(crowd))
+    assert (method.default_squares(crowd, psf), method.points_for(crowd)) == (4, 192)
+    monkeypatch.setattr(methods, "MAX_FINE_SAMPLES", len(crowd) - 1)
+    assert (method.default_squares(crowd, psf), method.points_for(crowd)) == (2, 128)
 
 
 def test_layered_looks_closer_where_samples_are_many():
