@@ -25,7 +25,13 @@ from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
 from .memo import Memo
-from .slices import DepthSlice, Fineness, plan
+from .slices import (
+    FINE_KERNEL_RATIO,
+    SMALL_AREA_KERNEL_RATIO,
+    DepthSlice,
+    Fineness,
+    plan,
+)
 from .splat import SliceImages, splat
 
 SIMILAR_RADIUS = 0.025
@@ -37,6 +43,9 @@ CLOSED_RADIUS = 1e-9
 
 SMALL_AREA = 1 << 17
 """Pixels of a slice up to which ``layered`` takes more kernels."""
+
+FINE_SUBPIXELS = 4
+"""Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
 
 EXACT_KEPT_RADIUS = 16
 """Radius in pixels that circles keep on coarser rasters where visibility is exact."""
@@ -60,7 +69,12 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     """
     aperture = aperture_behind(exposure.psf)
     kept_radius = max(EXACT_KEPT_RADIUS * exposure.subpixels if how.exact else 0, aperture.finest)
-    fineness = Fineness(kept_radius, math.inf if how.exact else SMALL_AREA)
+    is_fine = how.exact and exposure.subpixels >= FINE_SUBPIXELS
+    fineness = Fineness(
+        kept_radius,
+        math.inf if how.exact else SMALL_AREA,
+        FINE_KERNEL_RATIO if is_fine else SMALL_AREA_KERNEL_RATIO,
+    )
     views = _views(exposure, memo, how)
     channels = views.at(1).unoccluded.values.shape[1]
     groups = plan(

@@ -38,6 +38,9 @@ KERNEL_RATIO = math.sqrt(2)
 SMALL_AREA_KERNEL_RATIO = 1.25
 """The same in small parts of the window, where more kernels cost little."""
 
+FINE_KERNEL_RATIO = 2 ** (1 / 6)
+"""The same there on the finest subpixels, on which nothing else is as coarse."""
+
 DIFFRACTION_KERNEL_RATIO = 2 ** (1 / 8)
 """The same where the pattern changes with the circle."""
 
@@ -60,11 +63,12 @@ class Fineness(NamedTuple):
 
     ``kept_radius``: circles of at least twice this radius, in subpixels, are spread on pixels so
     many times as large that it stays no less. ``small_area``: in boxes of up to so many pixels
-    kernel radii are closer to each other.
+    the largest ratio of neighbouring kernel radii is ``small_area_ratio``.
     """
 
     kept_radius: float
     small_area: float
+    small_area_ratio: float = SMALL_AREA_KERNEL_RATIO
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,7 +258,8 @@ class _SlicePlanner:
             return None
         left, top = (int(min(box[i] for box in boxes)) for i in (0, 1))
         right, bottom = (int(max(box[i] for box in boxes)) + 1 for i in (2, 3))
-        circles = self._circles((right - left) * (bottom - top) <= fineness.small_area)
+        is_small = (right - left) * (bottom - top) <= fineness.small_area
+        circles = self._circles(fineness.small_area_ratio if is_small else KERNEL_RATIO)
         reach = self._reach(circles.kernels)
         box = Window(
             left - reach,
@@ -285,8 +290,8 @@ class _SlicePlanner:
         moments = self.view.unoccluded.moments
         return 0 if moments is None or self.inner > 0 else moments.shape[1]
 
-    def _circles(self, is_small: bool) -> CirclePlan:
-        radii = self._kernel_radii(is_small)
+    def _circles(self, ratio: float) -> CirclePlan:
+        radii = self._kernel_radii(ratio)
         kernels = [self.factory.of_radius(radius) for radius in radii]
         part = self.parts[0]
         single_points = self.view.single_points
@@ -313,8 +318,11 @@ class _SlicePlanner:
             MOVED_REACH if wide else 1,
         )
 
-    def _kernel_radii(self, is_small: bool) -> np.ndarray:
-        """Radii, as few as will do, that have kernels; there are circles near each."""
+    def _kernel_radii(self, ratio: float) -> np.ndarray:
+        """Radii, as few as will do, that have kernels; there are circles near each.
+
+        ``ratio`` is the largest of neighbouring ones with circles between them.
+        """
         if self.inner == 0:
             outer = float(self.radii.max(initial=0.0))
             return np.array([0.0, MIDDLE_KERNEL * outer, outer] if outer > 0 else [0.0])
@@ -322,7 +330,6 @@ class _SlicePlanner:
         alike = len(radii) > 0 and radii[-1] - radii[0] <= max(BIN_RADIUS, SAME_KERNEL * radii[0])
         if alike and not self.factory.diffracts:
             return np.array([math.sqrt(radii[0] * radii[-1])])
-        ratio = SMALL_AREA_KERNEL_RATIO if is_small else KERNEL_RATIO
         if self.factory.diffracts:
             ratio = DIFFRACTION_KERNEL_RATIO
         chosen: list[float] = []

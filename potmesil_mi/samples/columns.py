@@ -27,6 +27,10 @@ _VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": Tr
 ELSEWHERE = 255
 """``layer`` of what is on none of the rays of the pinhole."""
 
+TWINS = 240
+"""``layer`` of hidden twins, from this on to before ``ELSEWHERE``: of what a ray shows first, of
+what is behind one veil, and so on."""
+
 VISIBILITY_POINTS = 64
 """Points of the lens, one for each bit of ``visibility``."""
 

@@ -20,7 +20,7 @@ from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import deep_exr
-from .columns import ELSEWHERE, OF_DEFAULT, Columns, require_visibility_radius, visibility_points
+from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -147,10 +147,11 @@ class PointSamples(Columns):
     def hidden_to_visible(self) -> float:
         """How much is hidden from the pinhole, for each of what it sees, by weight.
 
-        What is seen in windows from elsewhere in the lens, which is known of it, does not count.
+        Hidden twins do not count, whose like is visible, nor what is seen in windows from elsewhere
+        in the lens, which is known of it.
         """
         weight = self.weight.astype(np.float64)
-        hidden = weight[(self.layer > 0) & (self.layer != ELSEWHERE)].sum()
+        hidden = weight[(self.layer > 0) & (self.layer < TWINS)].sum()
         visible = weight[self.layer == 0].sum()
         return float(hidden / visible) if visible > 0 else 0.0
 

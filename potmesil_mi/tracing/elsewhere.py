@@ -188,7 +188,7 @@ class _Finder:
         """
         count = dr.width(position)
         lanes = self.rays.passes.begin_for(count)
-        lane = dr.minimum(dr.arange(mi.UInt32, lanes), count - 1)
+        lane = dr.minimum(dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, count - 1))
         ray, weight = self._ray(
             dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
         )

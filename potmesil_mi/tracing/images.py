@@ -114,7 +114,7 @@ def seen_by(
     count = min(max(count, FEW_POINTS), VISIBILITY_POINTS)
     seen = np.empty(len(x), np.uint64)
     for part in wavefronts(len(x), count):
-        index = dr.arange(mi.UInt32, part.stop - part.start) + part.start
+        index = dr.arange(mi.UInt32, part.stop - part.start) + dr.opaque(mi.UInt32, part.start)
         seen[part] = seen_by_some(dr.gather(VirtualImage, image, index), number[part], lens, count)
     if count == VISIBILITY_POINTS:
         return seen

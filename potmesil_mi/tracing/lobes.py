@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import Columns
+from ..samples.columns import TWINS, Columns
 from .buffers import SampleBuffer, Shown, Traced
 from .lens_rays import LensRays
 from .rays import PrimaryRays
@@ -93,7 +93,7 @@ def part_lobes(
     if layers > 1:
         beside = through[which] == 0
         twins = which[beside]
-        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - share[beside]), 1)
+        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - share[beside]), TWINS)
     return parts
 
 

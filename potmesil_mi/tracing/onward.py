@@ -139,6 +139,15 @@ def _may_be_glass(flags: Any) -> Any:
     return _only_specular(flags) & ~_only_null(flags)
 
 
+def channel_mean(spectrum: mi.UnpolarizedSpectrum) -> mi.Float:
+    """Mean of the channels, of which there are a few.
+
+    ``dr.mean`` has the number of elements of each channel as a constant in its kernel, which is
+    compiled anew for each.
+    """
+    return dr.sum(spectrum) / len(spectrum)
+
+
 def may_go_on(hit: mi.SurfaceInteraction3f, alphas: mi.Float | None = None) -> mi.Bool:
     """Which paths may go on from ``hit``; by rough surfaces only with their ``alphas``.
 
@@ -182,7 +191,8 @@ def onward_from(
         beside = _sampled(hit, smooth & glass, sample1=dr.select(reflected, LAST, 0))
         parts = smooth & glass & (dr.max(beside[1]) > 0) & (_reflects(beside[0]) != reflected)
         shares = [
-            of.pdf * dr.mean(value) * dr.square(of.eta) for of, value in (beside, (sample, weight))
+            of.pdf * channel_mean(value) * dr.square(of.eta)
+            for of, value in (beside, (sample, weight))
         ]
         lesser_share = dr.select(parts, shares[0] / (shares[0] + shares[1]), 0)
         other = parts & lesser
@@ -193,7 +203,7 @@ def onward_from(
     straight = specular & (mi.has_flag(sample.sampled_type, flags.Null) | unbent)
     passes = mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, active))
     least = dr.select(turned | glass, ABOUT_HALF, LEAST_THROUGH)
-    null = active & ~other & (dr.mean(passes) >= least)
+    null = active & ~other & (channel_mean(passes) >= least)
     straight |= null
     if mirrors is not None:
         straight &= ~(smooth & glass & mirrors)

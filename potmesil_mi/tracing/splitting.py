@@ -19,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..samples.columns import TWINS
 from . import veils
 from .buffers import SampleBuffer, Shown, Traced
 from .onward import LEAST_THROUGH
@@ -76,7 +77,7 @@ def split(
         shares = weight[part.of] * part.hidden
         there = shares > 0
         at = part.of[there]
-        buffer.add(x[at], y[at], part.shown[there], shares[there], max(place, 1))
+        buffer.add(x[at], y[at], part.shown[there], shares[there], TWINS + place)
 
 
 SHOWN = tuple(field.name for field in dataclasses.fields(Shown))

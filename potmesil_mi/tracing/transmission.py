@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from .onward import may_be_veil
+from .onward import channel_mean, may_be_veil
 from .shapes import bsdf_flags, every_shape
 
 STEPS = 64
@@ -110,12 +110,12 @@ class Stretch(NamedTuple):
             found = (_of(after, channel) >= aim) | (step + 1 == steps)
             at = dr.clip(dr.select(found, there, begin), begin, begin + width)
             depth = dr.select(found, depth + _depth(thickness, at - begin), after)
-            mean = dr.mean(thickness)
+            mean = channel_mean(thickness)
             return dr.select(found, steps, step + 1), begin + width, depth, at, mean
 
         state = *start, mi.Float(near), mi.Float(0)
         *_, before, at, mean = dr.while_loop(state, lambda step, *_: meets & (step < steps), seek)
-        return cls(through, at, dr.mean(dr.exp(-before)), mean)
+        return cls(through, at, channel_mean(dr.exp(-before)), mean)
 
 
 def _depth(extinction: mi.UnpolarizedSpectrum, width: mi.Float) -> mi.UnpolarizedSpectrum:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._progress import track
 from .clearance import clearance
-from .onward import LEAST_THROUGH, is_veil
+from .onward import LEAST_THROUGH, channel_mean, is_veil
 from .passes import gathered, wavefronts
 from .rays import PrimaryRays
 from .transmission import Stretch
@@ -227,7 +227,7 @@ class _Surface:
         return cls(
             hit=hit,
             passes=passes,
-            veils=passes & is_veil(hit, dr.mean(through)),
+            veils=passes & is_veil(hit, channel_mean(through)),
             through=through,
             ahead=dr.select(meets, distance - apart, dr.inf),
             behind=dr.select(meets, distance + apart, dr.inf),
@@ -265,7 +265,7 @@ def _medium_veil(
     inside = way.active & (way.medium != mi.MediumPtr(None))
     stretch = Stretch.of(way.medium, rest, surface.hit.t, random, inside)
     through = dr.select(inside, way.through * _rgb(stretch.through), way.through)
-    veils = inside & (dr.mean(_rgb(stretch.through)) < 1 - LEAST_THROUGH)
+    veils = inside & (channel_mean(_rgb(stretch.through)) < 1 - LEAST_THROUGH)
     clear = surface.passes & ~surface.veils
     medium = dr.select(clear, surface.medium, way.medium)
     z = rays.depth_of(rest(stretch.scattered))
@@ -289,4 +289,4 @@ def _medium_veil(
 def _rgb(transmittance: mi.Spectrum) -> mi.Color3f:
     """A transmittance for R, G and B; the mean in variants that count in other colours."""
     transmittance = mi.unpolarized_spectrum(transmittance)
-    return mi.Color3f(transmittance if mi.is_rgb else dr.mean(transmittance))
+    return mi.Color3f(transmittance if mi.is_rgb else channel_mean(transmittance))

@@ -16,7 +16,7 @@ import mitsuba as mi
 from .._validation import require_whole
 from .clearance import ray_from
 from .differentials import Differentials, RayTransfer
-from .onward import is_veil, may_go_on, onward_from
+from .onward import channel_mean, is_veil, may_go_on, onward_from
 from .shapes import registry_index
 
 BOUNCES = 16
@@ -323,9 +323,12 @@ def _step(
         neighbours=neighbours.moved(step),
     )
     if by_lesser is not None:
-        now, veiled = goes & (onward.lesser_share > 0), goes & is_veil(here, dr.mean(onward.weight))
+        now, veiled = (
+            goes & (onward.lesser_share > 0),
+            goes & is_veil(here, channel_mean(onward.weight)),
+        )
         share = dr.select(by_lesser, onward.lesser_share, 1 - onward.lesser_share)
-        share = dr.select(veiled, dr.mean(onward.weight), share)
+        share = dr.select(veiled, channel_mean(onward.weight), share)
         end.share = path.share * dr.select(now | veiled, share, 1)
         parted = path.parted + dr.select(now, mi.UInt32(1), mi.UInt32(0))
         end.parted = dr.select(veiled, mi.UInt32(VEILED), parted)

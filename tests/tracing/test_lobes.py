@@ -1,5 +1,6 @@
 """Panes and solids of glass part the light of a ray: what they reflect is a sample of its own."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -181,3 +182,17 @@ def test_without_asking_for_it_no_lobe_is_lesser():
     ray, visible = visible_in(scene)
     again = trace_visible(scene, [0, 0, 0], ray, scene.ray_intersect(ray), (0, 0, 1))
     assert not np.array(visible.by_lesser | again.by_lesser).any()
+
+
+@pytest.mark.parametrize("thing", [slab, pane])
+def test_another_run_compiles_nothing_anew(thing):
+    # How many samples there are differs from run to run, and may be in no kernel.
+    scene = scene_with(thing(), res=16, spp=4)
+    for seed in range(2):
+        pm.render_samples(scene, seed=seed)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        pm.render_samples(scene, seed=2)
+        history = dr.kernel_history([dr.KernelType.JIT])
+    assert len(history) > 10
+    assert all(kernel["cache_hit"] for kernel in history)
