@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi.samples.columns import TWINS
 from potmesil_mi.tracing.transmission import VeilKinds, veil_kinds
 from scenes import diffuse
 
@@ -125,11 +126,13 @@ def test_two_panes_keep_back_their_parts_one_after_the_other():
     samples = sampled(shown)
     near = np.isclose(samples.z, 1) | np.isclose(samples.z, 2) | np.isclose(samples.z, 4)
     assert near.all()
-    visible, hidden = shares(samples), shares(samples, 1)
+    visible, hidden = shares(samples), shares(samples, TWINS + 1)
     assert visible == pytest.approx({"first": 0.3, "second": 0.35, "wall": 0.35})
     # The panes before it hide the rest of each.
     assert hidden["second"] == pytest.approx(0.15)
-    assert shares(samples, 2)["wall"] == pytest.approx(0.65)
+    assert shares(samples, TWINS + 2)["wall"] == pytest.approx(0.65)
+    # Such twins are of what is seen: the scene is not crowded.
+    assert not samples.is_crowded
     dark = samples.rgb[samples.surface != samples.surface.max()]
     assert np.abs(dark.mean(axis=0)).max() < 0.02
 
