@@ -27,6 +27,7 @@ from .passes import wavefronts
 from .patterns import sampler_cells
 from .rays import PrimaryRays
 from .seen_through import LABEL
+from .virtual_depth import NO_LOBE
 
 MOST_SHIFTED = 0.95
 """How far images are shifted that are sought: as far as this part of those that are known."""
@@ -53,25 +54,24 @@ def seen_elsewhere(
     assert columns.through is not None
     images = columns.through > 0
     vergence = float(np.median(1 / columns.z[images]))
-    finder = _Finder(rays, lens, window, vergence, lobes)
+    finder = _Finder(rays, lens, window, vergence)
     around = _around(window, lens, columns)
     parts = [
         cells.chosen(cells.touch(around, window)) for cells in sampler_cells(rays.crop, window)
     ]
-    found = []
-    # Lesser lobes have little light: half as many rays do.
     spp = rays.passes.spp
-    kinds = [(None, FINDERS * spp), *((number, spp) for number in range(lobes))]
-    passes = [
-        (cells[part], lesser, each)
-        for lesser, each in kinds
-        for cells in parts
-        for part in wavefronts(len(cells), each)
-    ]
-    for cells, lesser, each in track(passes, LABEL):
+    # Lesser lobes have little light: half as many rays do. All go by one kernel.
+    groups = np.array([*[NO_LOBE] * FINDERS, *range(lobes)], np.uint32)
+    each = len(groups) * spp
+    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), each)]
+    found = []
+    for cells in track(passes, LABEL):
         rays.passes.begin(len(cells) * each)
         position, _ = cells.positions(rays.passes.sampler.next_2d(), each)
-        found.append(finder.found(position, np.repeat(cells.area / each, each), lesser))
+        lobe = np.tile(np.repeat(groups, spp), len(cells))
+        area = np.repeat(cells.area / spp, each)
+        area[lobe == NO_LOBE] /= FINDERS
+        found.append(finder.found(position, area, lobe if lobes > 0 else None))
     return [part for part in found if part is not None]
 
 
@@ -99,28 +99,31 @@ class _Finder:
     find is seen near there.
     """
 
-    def __init__(
-        self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float, lobes: int
-    ) -> None:
-        self.rays, self.lens, self.window, self.lobes = rays, lens, window, lobes
+    def __init__(self, rays: PrimaryRays, lens: LensRays, window: Window, vergence: float) -> None:
+        self.rays, self.lens, self.window = rays, lens, window
         self.vergence = dr.opaque(mi.Float, vergence)
         self.u, self.v = (
             from_numpy(mi.Float, column) for column in visibility_points(lens.radius).T
         )
 
-    def found(self, position: mi.Point2f, area: np.ndarray, lesser: int | None) -> Columns | None:
+    def found(
+        self, position: mi.Point2f, area: np.ndarray, lobe: np.ndarray | None
+    ) -> Columns | None:
         """What is found by rays by way of each ``position`` on the film; ``None`` for nothing.
 
-        ``area``, (N,), is what of the film each of them stands for, in pixels. It is found by the
-        ``lesser`` lobe of that number.
+        ``area``, (N,), is what of the film each of them stands for, in pixels, and ``lobe``,
+        uint32 (N,), by which lesser lobe it goes, if there are any.
         """
         # Each has its turn, in an order without a pattern.
         turn = dr.arange(mi.UInt32, dr.width(position)) * mi.UInt32(TURN)
         point = turn >> mi.UInt32(32 - int(math.log2(VISIBILITY_POINTS)))
         ray, _ = self._ray(position, point)
-        visible = self.rays.visible(mi.Ray3f(ray), lesser)
+        number = None if lobe is None else from_numpy(mi.UInt32, lobe)
+        visible = self.rays.visible(mi.Ray3f(ray), number)
         image = VirtualImage.of(ray, visible, self.rays)
-        new = visible.through_window & (visible.by_lesser | (lesser is None))
+        new = visible.through_window
+        if number is not None:
+            new &= visible.by_lesser | (number == NO_LOBE)
         new &= ~image.seen_from(mi.Float(0), mi.Float(0), self.lens, new)
         x, y = self._place(image)
         new &= (x >= self.window.left) & (x < self.window.right)
@@ -138,7 +141,7 @@ class _Finder:
         own = seen_by_some(image, np.array(chosen[1]), self.lens, 1)
         visibility = own | seen_by(image, x, y, self.lens, TRIED_IN_A_PIXEL)
         share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
-        rgb, alpha, part = self._shown(*chosen, lesser)
+        rgb, alpha, part = self._shown(*chosen, None if lobe is None else lobe[np.array(index)])
         found = Columns(
             x=x,
             y=y,
@@ -180,7 +183,7 @@ class _Finder:
         return x, y
 
     def _shown(
-        self, position: mi.Point2f, point: mi.UInt32, lesser: int | None
+        self, position: mi.Point2f, point: mi.UInt32, lobe: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the rays by way of each ``position`` show by a lobe: radiance, alpha and its share.
 
@@ -192,14 +195,15 @@ class _Finder:
         ray, weight = self._ray(
             dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
         )
-        if self.lobes == 0:
+        if lobe is None:
             nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
             traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
             shown = to_host(traced)[0][:count]
             return shown.rgb, shown.alpha, np.ones(count, np.float32)
         # Of glass each lobe has what it shows alone.
-        traced, share = by_lobe(self.rays, ray, weight, lesser)
+        number = dr.gather(mi.UInt32, from_numpy(mi.UInt32, lobe), lane)
+        traced, share = by_lobe(self.rays, ray, weight, number)
         shown, (share,) = to_host(traced, share)
-        share = share[:count] if lesser is None else share_of(share[:count])
+        share = np.where(lobe == NO_LOBE, share[:count], share_of(share[:count]))
         rgb = shown.rgb[:count] / np.maximum(share, LEAST_SHARE)[:, None]
         return rgb, np.ones(count, np.float32), share

@@ -131,14 +131,15 @@ def share_of(share: np.ndarray) -> np.ndarray:
 
 
 def by_lobe(
-    rays: PrimaryRays, ray: mi.RayDifferential3f, weight: mi.Spectrum, lesser: int | None
+    rays: PrimaryRays, ray: mi.RayDifferential3f, weight: mi.Spectrum, lesser: int | mi.UInt32
 ) -> tuple[Traced, mi.Float]:
     """What a ray of a ``weight`` shows by a chain of surfaces alone, and the share of that.
 
-    The chain goes by the ``lesser`` lobe of that number; where there is none, both are 0.
+    The chain goes by the ``lesser`` lobe of that number, if it is not ``NO_LOBE``; where there is
+    none, both are 0.
     """
-    visible = rays.visible(mi.Ray3f(ray), NO_LOBE if lesser is None else lesser)
-    there = visible.by_lesser | (lesser is None)
+    visible = rays.visible(mi.Ray3f(ray), lesser)
+    there = visible.by_lesser | (lesser == NO_LOBE)
     last = mi.RayDifferential3f(visible.last)
     surface = rays.surface_of(visible.hit)
     weight = weight * mi.Spectrum(dr.select(there, visible.throughput, 0))

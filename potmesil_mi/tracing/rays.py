@@ -106,7 +106,7 @@ class PrimaryRays:
         _begin_at(ray, start)
         return ray
 
-    def visible(self, ray: mi.Ray3f, lesser: int | None = None) -> Visible:
+    def visible(self, ray: mi.Ray3f, lesser: int | mi.UInt32 | None = None) -> Visible:
         """What a primary ray shows first: in a mirror or behind glass, if these are followed.
 
         The ray may begin behind what is nearer. ``lesser`` is as in :func:`trace_visible`.

@@ -164,7 +164,7 @@ def trace_visible(
     *,
     alphas: mi.Float | None = None,
     bounces: int = BOUNCES,
-    lesser: int | None = None,
+    lesser: int | mi.UInt32 | None = None,
 ) -> Visible:
     """Depth of what primary rays show, behind at most ``bounces`` mirrors and panes.
 
@@ -183,7 +183,8 @@ def trace_visible(
       the one with more light; where refraction is impossible, the total reflection.
 
     Smooth glass that does both parts the light. At the surface of the number ``lesser`` of these,
-    from 0, the path goes by the lobe with less light; ``NO_LOBE`` is none of them.
+    from 0, the path goes by the lobe with less light; ``NO_LOBE`` is none of them. It may be one
+    number for each path.
 
     Anything else ends the path, and so does the front of a lamp. What is diffuse, or glossy with
     something diffuse below, has the depth of its surface. From rough microfacets
@@ -211,7 +212,7 @@ def trace_visible(
     require_whole("bounces", bounces, 0, MOST_BOUNCES)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
 
-    number = None if lesser is None else dr.opaque(mi.UInt32, lesser)
+    number = dr.opaque(mi.UInt32, lesser) if isinstance(lesser, int) else lesser
 
     def followed(path: _Path, alphas: mi.Float | None, lesser: mi.UInt32 | None) -> _Path:
         (end,) = dr.while_loop(
