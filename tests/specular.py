@@ -8,6 +8,7 @@ from potmesil_mi.tracing.virtual_depth import trace_visible
 
 MIRROR = {"type": "twosided", "bsdf": {"type": "conductor"}}
 WALL = {"type": "twosided", "bsdf": {"type": "diffuse"}}
+BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 N = 1.5
 """Index of refraction of glass."""
@@ -30,6 +31,36 @@ def cube(z, half, bsdf=GLASS, size=20):
     """A plate from z - half to z + half."""
     place = mi.ScalarTransform4f().translate([0, 0, z]).scale([size, size, half])
     return {"type": "cube", "to_world": place, "bsdf": bsdf}
+
+
+def lamp(z, radiance=1.0, facing=-1, **more):
+    """A square that shines and reflects nothing."""
+    light = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
+    return {**plane(z, facing, bsdf=BLACK, **more), "emitter": light}
+
+
+def before_lens(*, size, spp, radius, focus, integrator="path", max_depth=6, **shapes):
+    """A thin lens in the place of the pinhole, with ``size`` pixels to 40 degrees."""
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": integrator, "max_depth": max_depth},
+            "sensor": {
+                "type": "thinlens",
+                "fov": 40,
+                "aperture_radius": radius,
+                "focus_distance": focus,
+                "film": {
+                    "type": "hdrfilm",
+                    "width": size,
+                    "height": size,
+                    "rfilter": {"type": "box"},
+                },
+                "sampler": {"type": "multijitter", "sample_count": spp},
+            },
+            **shapes,
+        }
+    )
 
 
 def fan():

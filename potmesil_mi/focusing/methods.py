@@ -41,7 +41,7 @@ CLOSE_SQUARES = 2
 CROWDED_LENS_POINTS = 64
 """Lens points of ``layered`` in crowded scenes."""
 
-FINE_SQUARES = 4
+FINE_SQUARES = layered.FINE_SUBPIXELS
 """Subpixels on a side of a pixel of ``lightfield`` in crowded scenes."""
 
 FINE_LENS_POINTS = 192

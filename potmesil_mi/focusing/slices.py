@@ -68,7 +68,7 @@ class Fineness(NamedTuple):
 
     kept_radius: float
     small_area: float
-    small_area_ratio: float = SMALL_AREA_KERNEL_RATIO
+    small_area_ratio: float
 
 
 @dataclasses.dataclass(frozen=True)

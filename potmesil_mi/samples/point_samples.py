@@ -70,6 +70,8 @@ class PointSamples(Columns):
     ``weight``                    float32 (N,), share of a pixel's area the sample stands for
     ``layer``                     uint8 (N,), how many surfaces the pinhole sees in front of it:
                                   0 for what it sees (default), 1 and more for what is hidden;
+                                  240 to 254 for the part that panes and veils keep back of what
+                                  it sees, and that is seen past their edges;
                                   255 for what is on none of its rays: its place is that where
                                   it would be seen
     ``through``                   float32 (N,), depth of the mirror or pane that it is seen

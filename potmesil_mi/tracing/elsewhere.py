@@ -23,7 +23,7 @@ from .buffers import to_host
 from .images import ALL, VirtualImage, seen_by, seen_by_some
 from .lens_rays import TURN, LensRays
 from .lobes import LEAST_SHARE, by_lobe, share_of
-from .passes import wavefronts
+from .passes import gathered, wavefronts
 from .patterns import sampler_cells
 from .rays import PrimaryRays
 from .seen_through import LABEL
@@ -32,7 +32,7 @@ from .virtual_depth import NO_LOBE
 MOST_SHIFTED = 0.95
 """How far images are shifted that are sought: as far as this part of those that are known."""
 
-TRIED_IN_A_PIXEL = 1024
+TRIED_ELSEWHERE = 1024
 """So many points of the lens are tried by as many samples in a pixel as the pinhole's: how many see
 what is found tells what it counts."""
 
@@ -118,12 +118,12 @@ class _Finder:
         turn = dr.arange(mi.UInt32, dr.width(position)) * mi.UInt32(TURN)
         point = turn >> mi.UInt32(32 - int(math.log2(VISIBILITY_POINTS)))
         ray, _ = self._ray(position, point)
-        number = None if lobe is None else from_numpy(mi.UInt32, lobe)
-        visible = self.rays.visible(mi.Ray3f(ray), number)
+        lesser = None if lobe is None else from_numpy(mi.UInt32, lobe)
+        visible = self.rays.visible(mi.Ray3f(ray), lesser)
         image = VirtualImage.of(ray, visible, self.rays)
         new = visible.through_window
-        if number is not None:
-            new &= visible.by_lesser | (number == NO_LOBE)
+        if lesser is not None:
+            new &= visible.by_lesser | (lesser == NO_LOBE)
         new &= ~image.seen_from(mi.Float(0), mi.Float(0), self.lens, new)
         x, y = self._place(image)
         new &= (x >= self.window.left) & (x < self.window.right)
@@ -138,8 +138,9 @@ class _Finder:
         chosen = dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
         image = dr.gather(VirtualImage, image, index)
         # The points that others try do not depend on which point has found them.
+        number = np.arange(len(x), dtype=np.uint32)
         own = seen_by_some(image, np.array(chosen[1]), self.lens, 1)
-        visibility = own | seen_by(image, x, y, self.lens, TRIED_IN_A_PIXEL)
+        visibility = own | seen_by(image, x, y, number, self.lens, TRIED_ELSEWHERE)
         share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
         rgb, alpha, part = self._shown(*chosen, None if lobe is None else lobe[np.array(index)])
         found = Columns(
@@ -190,19 +191,18 @@ class _Finder:
         They are float32 (N, 3), (N,) and (N,).
         """
         count = dr.width(position)
-        lanes = self.rays.passes.begin_for(count)
-        lane = dr.minimum(dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, count - 1))
+        index = self.rays.passes.begin_for(count)
         ray, weight = self._ray(
-            dr.gather(mi.Point2f, position, lane), dr.gather(mi.UInt32, point, lane)
+            dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
         )
         if lobe is None:
+            lanes = dr.width(index)
             nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
             traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
             shown = to_host(traced)[0][:count]
             return shown.rgb, shown.alpha, np.ones(count, np.float32)
         # Of glass each lobe has what it shows alone.
-        number = dr.gather(mi.UInt32, from_numpy(mi.UInt32, lobe), lane)
-        traced, share = by_lobe(self.rays, ray, weight, number)
+        traced, share = by_lobe(self.rays, ray, weight, gathered(lobe, index))
         shown, (share,) = to_host(traced, share)
         share = np.where(lobe == NO_LOBE, share[:count], share_of(share[:count]))
         rgb = shown.rgb[:count] / np.maximum(share, LEAST_SHARE)[:, None]

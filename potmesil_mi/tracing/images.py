@@ -92,7 +92,8 @@ def visibility_of(
     found, partly = np.full(len(x), ALL, np.uint64), np.flatnonzero(is_partly[cell])
     if len(partly) > 0:
         there = dr.gather(VirtualImage, image, from_numpy(mi.UInt32, partly))
-        found[partly] = seen_by(there, x[partly], y[partly], lens)
+        columns = x[partly], y[partly], number[partly]
+        found[partly] = seen_by(there, *columns, lens, TRIED_IN_A_PIXEL, few[partly])
     return found
 
 
@@ -100,22 +101,28 @@ def seen_by(
     image: VirtualImage,
     x: np.ndarray,
     y: np.ndarray,
+    number: np.ndarray,
     lens: LensRays,
-    in_a_pixel: int = TRIED_IN_A_PIXEL,
+    in_a_pixel: int,
+    few: np.ndarray | None = None,
 ) -> np.ndarray:
     """Which points of the lens see each image, uint64 (N,); ``x``, ``y`` as above.
 
-    Some of the points are tried, others by each image in turn, as many ``in_a_pixel`` with a sample
-    for each of the pinhole's. What the rest sees is told by the
-    images that the same surfaces show in the same pixel.
+    Some of the points are tried, others by each image in turn, whose ``number`` tells which; as
+    many ``in_a_pixel`` with a sample for each of the pinhole's. What the rest sees is told by the
+    images that the same surfaces show in the same pixel. ``few`` is what ``FEW_POINTS`` of them
+    see, if that is known.
     """
-    number = np.arange(len(x), dtype=np.uint32)
     count = 2 ** round(math.log2(in_a_pixel / lens.rays.passes.spp))
     count = min(max(count, FEW_POINTS), VISIBILITY_POINTS)
-    seen = np.empty(len(x), np.uint64)
-    for part in wavefronts(len(x), count):
-        index = dr.arange(mi.UInt32, part.stop - part.start) + dr.opaque(mi.UInt32, part.start)
-        seen[part] = seen_by_some(dr.gather(VirtualImage, image, index), number[part], lens, count)
+    if few is not None and count == FEW_POINTS:
+        seen = few
+    else:
+        seen = np.empty(len(x), np.uint64)
+        for part in wavefronts(len(x), count):
+            index = dr.arange(mi.UInt32, part.stop - part.start) + dr.opaque(mi.UInt32, part.start)
+            there = dr.gather(VirtualImage, image, index)
+            seen[part] = seen_by_some(there, number[part], lens, count)
     if count == VISIBILITY_POINTS:
         return seen
     chain = image.chain

@@ -51,17 +51,16 @@ def part_lobes(
     primary = len(through)
     columns = buffer.columns()
     x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary].copy()
-    rest, parted = Rest.of(columns.rgb[:primary]), np.arange(primary)
-    parts = []
+    # What the rays keep of their light, and the part of them.
+    light, kept = columns.rgb[:primary].astype(np.float64), np.ones(primary)
+    parts, parted = [], np.arange(primary)
     for number in range(MOST_LOBES):
         begins = np.zeros(len(parted), np.float32)
         seen = seen_through(x[parted], y[parted], begins, rays, lens, number)
         # Only what one surface parts is parted by a second one.
-        parts_it = np.flatnonzero(seen.share)
-        parted, seen = parted[parts_it], seen.chosen(parts_it)
-        there = np.flatnonzero(share_of(seen.share))
-        where, seen = parted[there], seen.chosen(there)
         share = share_of(seen.share)
+        where, parted = parted[share > 0], parted[seen.share > 0]
+        seen, share = seen.chosen(share > 0), share[share > 0]
         if len(where) == 0:
             break
 
@@ -69,7 +68,8 @@ def part_lobes(
             return by_lobe(rays, *rays.sampled(position), number)[0]
 
         shown = rays.passes.averaged(x[where], y[where], trace, LABEL, paths=paths)
-        rest.less(where, shown.rgb, share)
+        light[where] -= shown.rgb
+        kept[where] -= share
         # The pinhole does see it.
         seen.visibility[(seen.through > 0) & (seen.visibility == 0)] = 1
         parts.append(
@@ -86,40 +86,15 @@ def part_lobes(
                 visibility=seen.visibility,
             )
         )
-    which = np.flatnonzero(rest.share < 1)
-    others = columns.alpha[which], columns.z[which], columns.surface[which]
-    shown, share = Shown(rest.rgb[which], *others), rest.share[which]
-    buffer.put(which, shown, weight[which] * share)
+    which = np.flatnonzero(kept < 1)
+    rgb = (light[which] / kept[which, None]).astype(np.float32)
+    shown = Shown(rgb, columns.alpha[which], columns.z[which], columns.surface[which])
+    buffer.put(which, shown, weight[which] * kept[which])
     if layers > 1:
         beside = through[which] == 0
         twins = which[beside]
-        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - share[beside]), TWINS)
+        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - kept[twins]), TWINS)
     return parts
-
-
-class Rest:
-    """What rays keep of their light, of which lesser lobes are parted.
-
-    ``light``, float64 (N, 3), is that light, and ``share``, float64 (N,), the part of the rays.
-    """
-
-    def __init__(self, light: np.ndarray, share: np.ndarray) -> None:
-        self.light, self.share = light, share
-
-    @classmethod
-    def of(cls, rgb: np.ndarray) -> Rest:
-        """All of the radiance ``rgb``, (N, 3)."""
-        return cls(rgb.astype(np.float64), np.ones(len(rgb)))
-
-    def less(self, which: np.ndarray | slice, light: np.ndarray, share: np.ndarray) -> None:
-        """Take from the rays ``which`` the ``light`` of a lobe and its ``share``."""
-        self.light[which] -= light
-        self.share[which] -= share
-
-    @property
-    def rgb(self) -> np.ndarray:
-        """The radiance of what is left, float32 (N, 3)."""
-        return (self.light / self.share[:, None]).astype(np.float32)
 
 
 def share_of(share: np.ndarray) -> np.ndarray:

@@ -40,14 +40,14 @@ class Passes:
         self.sampler.seed(seed, rays)
         self._begun += 1
 
-    def begin_for(self, count: int) -> int:
-        """Seed the sampler for a pass of ``count`` rays, or a few more, and return how many.
+    def begin_for(self, count: int) -> mi.UInt32:
+        """Seed the sampler for a pass of ``count`` rays, or a few more: it wants whole pixels.
 
-        The sampler wants whole pixels.
+        Returns the number of the ray of each lane; those too many have the last one's.
         """
-        rays = -(-count // self.spp) * self.spp
-        self.begin(rays)
-        return rays
+        lanes = -(-count // self.spp) * self.spp
+        self.begin(lanes)
+        return dr.minimum(dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, count - 1))
 
     def averaged(
         self,
@@ -68,9 +68,7 @@ class Passes:
         shown = Shown.empty(len(x))
         for part in track(wavefronts(len(x), paths), label):
             count = part.stop - part.start
-            lanes = self.begin_for(count * paths)
-            sample = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, paths)
-            sample = dr.minimum(sample, dr.opaque(mi.UInt32, count - 1))
+            sample = self.begin_for(count * paths) // dr.opaque(mi.UInt32, paths)
             of_x, of_y, *more = (gathered(column[part], sample) for column in (x, y, *columns))
             every, _ = to_host(trace(mi.Point2f(of_x, of_y), *more))
             shown.put(part, every[: count * paths].averaged(paths))

@@ -41,7 +41,7 @@ class SeenThrough(NamedTuple):
     share: np.ndarray
 
     def chosen(self, which: np.ndarray) -> SeenThrough:
-        """Those of the samples ``which``, int (n,)."""
+        """Those of the samples of which ``which``, bool (N,), is true."""
         return SeenThrough(*(column[which] for column in self))
 
     def followed_by(self, other: SeenThrough) -> SeenThrough:
@@ -74,10 +74,10 @@ def seen_through(
         through_window, first = visible.through_window, rays.depth(visible.first)
         if lesser is not None:
             through_window = through_window & visible.by_lesser
-            parts = dr.select(visible.by_lesser, visible.share, 0)
-            dr.eval(through_window, first, visible.depth, image, parts)
-            share[part], depth[part] = np.array(parts), np.array(visible.depth)
-        dr.eval(through_window, first, visible.depth, image)
+        own_share = dr.select(visible.by_lesser, visible.share, 0)
+        dr.eval(through_window, first, visible.depth, image, own_share)
+        if lesser is not None:
+            share[part], depth[part] = np.array(own_share), np.array(visible.depth)
         index = dr.compress(through_window)
         if dr.width(index) == 0:
             continue

@@ -86,12 +86,11 @@ def met(x: np.ndarray, y: np.ndarray, rays: PrimaryRays, apart: float) -> Veils:
     parts = []
     for part in track(wavefronts(len(x), MOST_VEILS), LABEL):
         count = part.stop - part.start
-        lanes = rays.passes.begin_for(count)
-        ray = dr.minimum(dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, count - 1))
+        ray = rays.passes.begin_for(count)
         position = mi.Point2f(*(gathered(column[part], ray) for column in (x, y)))
         sampler = rays.passes.sampler
         random = sampler.next_1d(), sampler.next_1d()
-        room = dr.zeros(_Met, lanes * MOST_VEILS)
+        room = dr.zeros(_Met, dr.width(ray) * MOST_VEILS)
         _follow(rays, position, random, dr.opaque(mi.Float, apart), room)
         dr.eval(room)
         index = dr.compress(room.there)

@@ -207,12 +207,14 @@ def trace_visible(
       spread is still as far away as the image, but the farther it is spread the less that shows.
 
     Curvature is that of the shading normals a pixel or so around; bumps turn the path but do
-    not count as curvature. Raises ``ValueError`` or ``TypeError`` for bad ``bounces``.
+    not count as curvature. Raises ``ValueError`` or ``TypeError`` for bad ``bounces`` or a bad
+    number ``lesser``.
     """
     require_whole("bounces", bounces, 0, MOST_BOUNCES)
+    if lesser is not None and not isinstance(lesser, mi.UInt32):
+        require_whole("lesser", lesser, 0, NO_LOBE)
+        lesser = dr.opaque(mi.UInt32, lesser)
     origin, axis = mi.Point3f(origin), mi.Vector3f(axis)
-
-    number = dr.opaque(mi.UInt32, lesser) if isinstance(lesser, int) else lesser
 
     def followed(path: _Path, alphas: mi.Float | None, lesser: mi.UInt32 | None) -> _Path:
         (end,) = dr.while_loop(
@@ -227,7 +229,7 @@ def trace_visible(
         return dr.select(path.turns > 0, image, _depth(origin, axis, path.hit))
 
     start = _start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis))
-    end = followed(start, None, number)
+    end = followed(start, None, lesser)
     depth, is_rough = depth_of(end), mi.Bool(False)
     if alphas is not None:
         beyond = dataclasses.replace(end, active=may_go_on(end.hit, alphas))
@@ -324,12 +326,10 @@ def _step(
         neighbours=neighbours.moved(step),
     )
     if by_lesser is not None:
-        now, veiled = (
-            goes & (onward.lesser_share > 0),
-            goes & is_veil(here, channel_mean(onward.weight)),
-        )
+        passed = channel_mean(onward.weight)
+        now, veiled = goes & (onward.lesser_share > 0), goes & is_veil(here, passed)
         share = dr.select(by_lesser, onward.lesser_share, 1 - onward.lesser_share)
-        share = dr.select(veiled, channel_mean(onward.weight), share)
+        share = dr.select(veiled, passed, share)
         end.share = path.share * dr.select(now | veiled, share, 1)
         parted = path.parted + dr.select(now, mi.UInt32(1), mi.UInt32(0))
         end.parted = dr.select(veiled, mi.UInt32(VEILED), parted)

@@ -4,7 +4,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from specular import GLASS, MIRROR, WALL, N, cube, loaded, plane, visible_in
+from specular import (
+    GLASS,
+    MIRROR,
+    WALL,
+    N,
+    before_lens,
+    cube,
+    lamp,
+    loaded,
+    plane,
+    visible_in,
+)
 
 import potmesil_mi as pm
 from potmesil_mi.tracing.virtual_depth import trace_visible
@@ -20,37 +31,11 @@ OF_THIN = 2 * F / (1 + F)
 """Share of light that a pane with two faces reflects."""
 
 
-def lamp(z, radiance):
-    emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
-    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
-    return {**plane(z, facing=-np.sign(z), bsdf=black), "emitter": emitter}
-
-
-def scene_with(thing, *, res=12, spp=16, radius=0.06, integrator="path", **more):
+def scene_with(thing, *, size=12, spp=16, radius=0.06, integrator="path", **more):
     """``thing`` 1 in front of a lens, a wall of radiance 1 at 4 and one of radiance 8 at -0.5."""
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": integrator, "max_depth": 8},
-            "sensor": {
-                "type": "thinlens",
-                "fov": 40,
-                "aperture_radius": radius,
-                "focus_distance": 4.0,
-                "film": {
-                    "type": "hdrfilm",
-                    "width": res,
-                    "height": res,
-                    "rfilter": {"type": "box"},
-                },
-                "sampler": {"type": "multijitter", "sample_count": spp},
-            },
-            "wall": lamp(4, 1.0),
-            "street": lamp(-0.5, 8.0),
-            "thing": thing,
-            **more,
-        }
-    )
+    shapes = {"wall": lamp(4), "street": lamp(-0.5, 8.0, facing=1), "thing": thing, **more}
+    options = {"radius": radius, "focus": 4.0, "integrator": integrator, "max_depth": 8}
+    return before_lens(size=size, spp=spp, **options, **shapes)
 
 
 def light(samples, chosen=None):
@@ -184,10 +169,18 @@ def test_without_asking_for_it_no_lobe_is_lesser():
     assert not np.array(visible.by_lesser | again.by_lesser).any()
 
 
+@pytest.mark.parametrize(
+    ("lesser", "error"), [(-1, ValueError), (2**31, ValueError), (1.5, TypeError)]
+)
+def test_bad_numbers_of_lobes_are_named(lesser, error):
+    with pytest.raises(error, match=r"lesser=.*must be"):
+        visible_in(loaded(pane=plane(1, bsdf=THIN)), lesser=lesser)
+
+
 @pytest.mark.parametrize("thing", [slab, pane])
 def test_another_run_compiles_nothing_anew(thing):
     # How many samples there are differs from run to run, and may be in no kernel.
-    scene = scene_with(thing(), res=16, spp=4)
+    scene = scene_with(thing(), size=16, spp=4)
     for seed in range(2):
         pm.render_samples(scene, seed=seed)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

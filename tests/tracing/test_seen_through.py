@@ -3,7 +3,7 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from specular import GLASS, cube, plane
+from specular import GLASS, before_lens, cube, lamp, plane
 
 import potmesil_mi as pm
 from potmesil_mi.optics.disc import Disc
@@ -16,36 +16,11 @@ RADIUS = 0.06
 FOCUS = 6.0
 SIZE = 48
 TINTED = {**GLASS, "specular_transmittance": 0.5}
-BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
-
-
-def lamp(z, radiance=1.0, facing=-1, **more):
-    light = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
-    return {**plane(z, facing, bsdf=BLACK, **more), "emitter": light}
 
 
 def scene_of(spp=64, radius=RADIUS, **shapes):
-    """A thin lens at the origin that looks along +z: SIZE pixels to 40 degrees."""
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "path", "max_depth": 6},
-            "sensor": {
-                "type": "thinlens",
-                "fov": 40,
-                "aperture_radius": radius,
-                "focus_distance": FOCUS,
-                "film": {
-                    "type": "hdrfilm",
-                    "width": SIZE,
-                    "height": SIZE,
-                    "rfilter": {"type": "box"},
-                },
-                "sampler": {"type": "multijitter", "sample_count": spp},
-            },
-            **shapes,
-        }
-    )
+    """``shapes`` before a lens, in SIZE pixels."""
+    return before_lens(size=SIZE, spp=spp, radius=radius, focus=FOCUS, **shapes)
 
 
 def images(samples, layer=0):
