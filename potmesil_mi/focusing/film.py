@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
-from .moments import degree_for, degree_with, orders, responses
+from .moments import NODES, degree_for, degree_with, limited, orders, responses
 
 
 @runtime_checkable
@@ -74,21 +74,37 @@ def reconstruct(
         taps = responses(response, middles, 1 / subpixels, degree)
     else:
         taps = response(middles)[None]
-    height, width, colours = fine.picture.shape
-    channels = colours + 1
     light = [_light(fine), *map(on_device, fine.moments)]
+    shape = fine.picture.shape
+    picture = _filtered_twice(light, taps, subpixels, shape)
+    if degree > 0 and response(np.linspace(-radius, radius, NODES)).min() >= 0:
+        least = _filtered_twice(light, limited(taps), subpixels, shape)
+        picture = [dr.maximum(of, low / 2) for of, low in zip(picture, least, strict=True)]
+    height, width, colours = shape
+    pixels = np.array(interleaved(picture))
+    return pixels.reshape(height // subpixels, width // subpixels, colours)
+
+
+def _filtered_twice(
+    light: Sequence[jit.Float], taps: np.ndarray, subpixels: int, shape: tuple[int, ...]
+) -> list[jit.Float]:
+    """The colours of the pixels: light and its moments, filtered across and down, over its weight.
+
+    ``shape`` is that of the light without its weight. Where all weights are 0 the colours are 0.
+    """
+    height, width, colours = shape
+    degree = len(taps) - 1
     every = dict(zip([(0, 0), *orders(degree)], light, strict=True))
     across = []
     for j in range(degree + 1):
         terms = [every[i, j] for i in range(degree + 1 - j)]
-        filtered = _filtered(terms, taps, 1, (height, width), subpixels, channels)
+        filtered = _filtered(terms, taps, 1, (height, width), subpixels, colours + 1)
         across.append(interleaved(filtered))
     dr.eval(across)
-    shape = height, width // subpixels
-    *sums, weight = _filtered(across, taps, 0, shape, subpixels, channels)
+    narrow = height, width // subpixels
+    *sums, weight = _filtered(across, taps, 0, narrow, subpixels, colours + 1)
     weight = dr.select(weight == 0, 1, weight)
-    picture = interleaved([of / weight for of in sums])
-    return np.array(picture).reshape(height // subpixels, width // subpixels, colours)
+    return [of / weight for of in sums]
 
 
 def on_device(image: Any) -> jit.Float:

@@ -56,3 +56,17 @@ def responses(
     return np.stack(
         [there @ (weight * legendre(k, at)) * (2 * k + 1) / 2 for k in range(degree + 1)]
     )
+
+
+def limited(taps: np.ndarray) -> np.ndarray:
+    """Responses, (degree + 1, n), that fall to half their mean at the lowest in each subpixel.
+
+    A product of two, for across and down, without the terms above the degree, may be negative where
+    the filter is not: what is beside something very bright would be black. That of two of these is
+    not.
+    """
+    at = np.linspace(-1, 1, NODES + 1)
+    above = np.stack([legendre(k, at) * np.ones_like(at) for k in range(1, len(taps))])
+    fall = -(taps[1:].T @ above).min(axis=-1)
+    share = taps[0] / 2 / np.maximum(fall, np.finfo(float).tiny)
+    return np.concatenate([taps[:1], taps[1:] * np.clip(share, 0, 1)])

@@ -110,6 +110,26 @@ def test_what_is_blurred_behind_what_is_sharp_gets_the_places_that_it_leaves():
     np.testing.assert_allclose(image, expected, atol=0.02)
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["tent", "gaussian"])
+def test_what_is_beside_something_very_bright_is_not_black_for_a_filter(method, name):
+    rng = np.random.default_rng(4)
+    pixel = np.repeat(np.arange(SIZE[0] * SIZE[1]), 4)
+    x, y = (n + rng.uniform(0, 1, len(pixel)) for n in (pixel % SIZE[0], pixel // SIZE[0]))
+    lamp = (np.floor(0.7 * x) % 5 == 0) & (np.floor(0.7 * y) % 5 == 0)
+    samples = synthetic(
+        len(x),
+        size=SIZE,
+        x=x,
+        y=y,
+        z=np.full(len(x), 2.0),
+        rgb=np.where(lamp, 1000.0, 1.0)[:, None] * np.ones(3),
+        weight=np.full(len(x), 1 / 4),
+    )
+    image = np.array(pm.focus(samples, method=method, rfilter=mi.load_dict({"type": name})))
+    assert image.min() > 0.4
+
+
 # ---------------------------------------------------------------- moments
 
 
