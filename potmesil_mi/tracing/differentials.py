@@ -72,7 +72,7 @@ class Differentials:
         factor = before / eta - beyond
         factor_by_before = (1 - before / (eta * beyond)) / eta
         across = mi.coordinate_system(d)
-        turns = [_turn(scene, hit, d, length, v, active) for v in across]
+        turns = _turns(scene, hit, d, length, across, active)
         points, directions = [], []
         for p, v in zip(self.points, self.directions, strict=True):
             turn = dr.dot(p, across[0]) * turns[0] + dr.dot(p, across[1]) * turns[1]
@@ -115,28 +115,41 @@ class RayTransfer(NamedTuple):
         return dr.sqrt(sum(b * b for b in self.b) / 2)
 
 
-def _turn(
+def _turns(
     scene: mi.Scene,
     hit: mi.SurfaceInteraction3f,
     d: mi.Vector3f,
     length: mi.Float,
-    across: mi.Vector3f,
+    across: tuple[mi.Vector3f, mi.Vector3f],
     active: mi.Bool,
-) -> mi.Vector3f:
-    """Derivative of the normal at ``hit`` as a ray moves along ``across``, per scene unit.
+) -> list[mi.Vector3f]:
+    """Derivatives of the normal at ``hit`` as a ray moves along each of ``across``, per scene unit.
 
-    It is measured, for Mitsuba's own is wrong for meshes with texture coordinates. Beyond an edge
-    there is nothing to measure; a surface without both neighbours counts as plane.
+    They are measured, for Mitsuba's own are wrong for meshes with texture coordinates. Beyond an
+    edge there is nothing to measure; a surface without both neighbours counts as plane.
     """
     step = STEP * length
     back = hit.p - d * dr.minimum(20 * step, 0.9 * hit.t)
-    change, width = mi.Vector3f(0), mi.Float(0)
-    for sign in (-1, 1):
-        probe = mi.Ray3f(back + sign * step * across, d, hit.time, hit.wavelengths)
-        there = scene.ray_intersect(probe, active)
-        turned = there.sh_frame.n - hit.sh_frame.n
+
+    # A loop: to record what a ray may meet takes long where there are many shapes.
+    def probe(number: mi.UInt32, changes: list, widths: list) -> tuple[mi.UInt32, list, list]:
+        first, sign = number < 2, 1 - 2 * mi.Float(number & 1)
+        aside = dr.select(first, *across)
+        ray = mi.Ray3f(back + sign * step * aside, d, hit.time, hit.wavelengths)
+        there = scene.ray_intersect(ray, active)
+        turned = mi.Vector3f(there.sh_frame.n - hit.sh_frame.n)
         same = active & there.is_valid() & (dr.norm(turned) < CREASE)
         same &= (there.shape == hit.shape) & (there.instance == hit.instance)
-        change += dr.select(same, sign * turned, 0)
-        width += dr.select(same, step, 0)
-    return dr.select((width > 0) & (dr.norm(change) > FLAT), change / width, 0)
+        along = same & first, same & ~first
+        changes = [
+            c + dr.select(on, sign * turned, 0) for c, on in zip(changes, along, strict=True)
+        ]
+        widths = [w + dr.select(on, step, 0) for w, on in zip(widths, along, strict=True)]
+        return number + 1, changes, widths
+
+    state = mi.UInt32(0), [mi.Vector3f(0) for _ in across], [mi.Float(0) for _ in across]
+    _, changes, widths = dr.while_loop(state, lambda number, *_: number < 4, probe)
+    return [
+        dr.select((width > 0) & (dr.norm(change) > FLAT), change / width, 0)
+        for change, width in zip(changes, widths, strict=True)
+    ]

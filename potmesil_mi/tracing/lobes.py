@@ -44,48 +44,47 @@ def part_lobes(
 ) -> list[Columns]:
     """Part those of the first samples, of one ray each, whose light glass parts.
 
-    ``through``, (N,), is theirs. Returns samples of the first lesser lobe, and of the second. Each
-    is shaded by ``paths`` paths. What is seen straight through a pane shows beside it, too: with
-    more than one of the ``layers`` it gets hidden twins of the share that the pane keeps back.
+    ``through``, (N,), is theirs. Returns samples of the first lesser lobe, and of the second, if
+    there are any. Each is shaded by ``paths`` paths. What is seen straight through a pane shows
+    beside it, too: with more than one of the ``layers`` it gets hidden twins of the share that the
+    pane keeps back.
     """
     primary = len(through)
     columns = buffer.columns()
     x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary].copy()
+    number = np.repeat(np.arange(MOST_LOBES, dtype=np.uint32), primary)
+    every = np.tile(x, MOST_LOBES), np.tile(y, MOST_LOBES), np.zeros(len(number), np.float32)
+    seen = seen_through(*every, rays, lens, number)
+    share = share_of(seen.share)
+    # Only what one surface parts is parted by a second one.
+    share[np.tile(seen.share[:primary] == 0, MOST_LOBES)] = 0
+    seen, (lobe,) = seen.chosen(share > 0), np.nonzero(share)
+    if len(lobe) == 0:
+        return []
+    where, number, share = lobe % primary, number[lobe], share[lobe]
+
+    def trace(position: mi.Point2f, number: mi.UInt32) -> Traced:
+        return by_lobe(rays, *rays.sampled(position), number)[0]
+
+    shown = rays.passes.averaged(x[where], y[where], trace, LABEL, number, paths=paths)
     # What the rays keep of their light, and the part of them.
     light, kept = columns.rgb[:primary].astype(np.float64), np.ones(primary)
-    parts, parted = [], np.arange(primary)
-    for number in range(MOST_LOBES):
-        begins = np.zeros(len(parted), np.float32)
-        seen = seen_through(x[parted], y[parted], begins, rays, lens, number)
-        # Only what one surface parts is parted by a second one.
-        share = share_of(seen.share)
-        where, parted = parted[share > 0], parted[seen.share > 0]
-        seen, share = seen.chosen(share > 0), share[share > 0]
-        if len(where) == 0:
-            break
-
-        def trace(position: mi.Point2f, number: int = number) -> Traced:
-            return by_lobe(rays, *rays.sampled(position), number)[0]
-
-        shown = rays.passes.averaged(x[where], y[where], trace, LABEL, paths=paths)
-        light[where] -= shown.rgb
-        kept[where] -= share
-        # The pinhole does see it.
-        seen.visibility[(seen.through > 0) & (seen.visibility == 0)] = 1
-        parts.append(
-            Columns(
-                x=x[where],
-                y=y[where],
-                rgb=shown.rgb / share[:, None],
-                alpha=columns.alpha[where],
-                z=seen.depth,
-                surface=shown.surface,
-                weight=weight[where] * share,
-                layer=np.zeros(len(where), np.uint8),
-                through=seen.through,
-                visibility=seen.visibility,
-            )
-        )
+    np.subtract.at(light, where, shown.rgb)
+    np.subtract.at(kept, where, share)
+    # The pinhole does see it.
+    seen.visibility[(seen.through > 0) & (seen.visibility == 0)] = 1
+    parted = Columns(
+        x=x[where],
+        y=y[where],
+        rgb=shown.rgb / share[:, None],
+        alpha=columns.alpha[where],
+        z=seen.depth,
+        surface=shown.surface,
+        weight=weight[where] * share,
+        layer=np.zeros(len(where), np.uint8),
+        through=seen.through,
+        visibility=seen.visibility,
+    )
     which = np.flatnonzero(kept < 1)
     rgb = (light[which] / kept[which, None]).astype(np.float32)
     shown = Shown(rgb, columns.alpha[which], columns.z[which], columns.surface[which])
@@ -94,7 +93,7 @@ def part_lobes(
         beside = through[which] == 0
         twins = which[beside]
         buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - kept[twins]), TWINS)
-    return parts
+    return [parted.chosen(number == lobe) for lobe in np.unique(number)]
 
 
 def share_of(share: np.ndarray) -> np.ndarray:

@@ -55,13 +55,14 @@ def seen_through(
     start: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
-    lesser: int | None = None,
+    lesser: np.ndarray | None = None,
 ) -> SeenThrough:
     """Through what primary rays show what they do, and which points of the ``lens`` see that.
 
     ``x``, ``y``, float32 (N,), are the rays' positions in pixels of the film, and ``start`` where
-    on them they begin, in scene units. Of what is seen directly all of it is 0. It is what they
-    show by way of a ``lesser`` lobe, see :func:`potmesil_mi.tracing.virtual_depth.trace_visible`.
+    on them they begin, in scene units. Of what is seen directly all of it is 0. With ``lesser``,
+    uint32 (N,), it is what they show by way of the lesser lobe of such a number, see
+    :func:`potmesil_mi.tracing.virtual_depth.trace_visible`.
     """
     through, visibility = np.zeros(len(x), np.float32), np.zeros(len(x), np.uint64)
     depth, share = np.zeros(len(x), np.float32), np.zeros(len(x), np.float32)
@@ -69,7 +70,8 @@ def seen_through(
         place = (from_numpy(mi.Float, column[part]) for column in (x, y, start))
         at_x, at_y, begins = place
         ray = rays.begun_at(mi.Point2f(at_x, at_y), begins)
-        visible = rays.visible(ray, lesser)
+        lobe = None if lesser is None else from_numpy(mi.UInt32, lesser[part])
+        visible = rays.visible(ray, lobe)
         image = VirtualImage.of(ray, visible, rays)
         through_window, first = visible.through_window, rays.depth(visible.first)
         if lesser is not None:
