@@ -33,13 +33,14 @@ VIGNETTING_LENS_POINTS = 128
 """Lens points, at least, with vignetting: what the rim of the lens cuts is all formed by points."""
 
 MANY_SAMPLES = 64
-"""Samples a pixel from which on their noise is less than what whole pixels leave out."""
+"""Samples a pixel from which on their noise is less than what whole pixels and few points of the
+lens leave out."""
 
 CLOSE_SQUARES = 2
 """Subpixels on a side of a pixel of ``layered`` in crowded scenes, and for many samples."""
 
-CROWDED_LENS_POINTS = 64
-"""Lens points of ``layered`` in crowded scenes."""
+CLOSE_LENS_POINTS = 64
+"""Lens points of ``layered`` then."""
 
 FINE_SQUARES = layered.FINE_SUBPIXELS
 """Subpixels on a side of a pixel of ``lightfield`` in crowded scenes."""
@@ -129,7 +130,8 @@ class Layered(_Visible):
     Parameter                     Meaning
     ============================  ==========================================================
     ``lens_points``               points of the lens from which visibility is found, 1 to 4096
-                                  (default 32, in crowded scenes 64, with vignetting 128)
+                                  (default 32; from 64 samples a pixel on and in crowded
+                                  scenes 64; with vignetting 128)
     ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1; from 64
                                   samples a pixel on, in crowded scenes and with diffraction 2)
     ============================  ==========================================================
@@ -145,12 +147,16 @@ class Layered(_Visible):
 
     def points_for(self, samples: PointSamples) -> int:
         """Lens points for ``samples``, unless ``lens_points`` says it."""
-        return CROWDED_LENS_POINTS if samples.is_crowded else self.usual_lens_points
+        return CLOSE_LENS_POINTS if _worth_a_close_look(samples) else self.usual_lens_points
 
     def squares_for(self, samples: PointSamples) -> int:
         """Subpixels on a side of a pixel for ``samples``, if they are enough."""
-        closely = samples.spp >= MANY_SAMPLES or samples.is_crowded
-        return CLOSE_SQUARES if closely else self.usual_squares
+        return CLOSE_SQUARES if _worth_a_close_look(samples) else self.usual_squares
+
+
+def _worth_a_close_look(samples: PointSamples) -> bool:
+    """Whether what :class:`Layered` leaves out would show."""
+    return samples.spp >= MANY_SAMPLES or samples.is_crowded
 
 
 @dataclasses.dataclass(frozen=True)

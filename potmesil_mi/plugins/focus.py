@@ -38,7 +38,8 @@ class FocusIntegrator(WrapperIntegrator):
      * - lens_points
        - |int|
        - ``layered``, ``lightfield``: points of the lens from which visibility is found, 1 to
-         4096. (Default: 32, in crowded scenes 64; and 128)
+         4096. (Default: 32, in crowded scenes and from 64 samples a pixel on 64; and 128, in
+         crowded scenes 192)
      * - tables
        - |int|
        - ``paper``: number of depths with a table of the circle of confusion, 2 to 10000.

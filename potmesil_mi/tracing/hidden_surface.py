@@ -69,8 +69,9 @@ def render_samples(
     which has none of its own.
     ``integrator`` gives the radiance; by default the scene's, and what is nested in a ``focus``
     or ``point_samples``. ``spp`` samples a pixel, by default as many as the sampler's count;
-    some samplers round it up. With one pass (up to 4M rays) and the same ``seed`` the rays are
-    those of ``mi.render`` with the same integrator.
+    some samplers round it up; then come those of ``refine``, see :class:`potmesil_mi.Sampling`.
+    With one pass (up to 4M rays), the same ``seed`` and ``refine=0`` the rays are those of
+    ``mi.render`` with the same integrator.
 
     Raises ``ValueError`` for an empty scene or bad parameters, ``TypeError`` for a sensor or
     integrator that cannot be used, ``RuntimeError`` in scalar variants.
@@ -159,8 +160,9 @@ def _with_hidden(
         seen = seen_through(first.x, first.y, np.zeros(primary, np.float32), rays, lens)
     if layers > 1:
         chosen = _may_hide(rays, first, seen, window, widest)
+        chosen = chosen[chosen < len(visible.even)]
         if len(chosen) > 0:
-            start = add_hidden(buffer, chosen, rays, lens, layers, paths)
+            start = add_hidden(buffer, chosen, visible.even, rays, lens, layers, paths)
     lobes = []
     if seen is not None and rays.may_part_light:
         lobes = part_lobes(buffer, seen.through, rays, lens, paths, layers)

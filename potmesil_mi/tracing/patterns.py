@@ -14,11 +14,14 @@ import mitsuba as mi
 import numpy as np
 
 from .._progress import track
+from ..optics.blur import radius_per_vergence
+from ..optics.lens import ThinLens
 from ..optics.summed_area import summed_area
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, to_host
 from .passes import gathered, wavefronts
 from .rays import PrimaryRays
+from .refinement import further_sets, mean_sharpness, pixel_score
 from .sampling import Sampling
 
 PAPERS_LATTICE = 2
@@ -37,17 +40,20 @@ class VisibleSamples:
     ============================  ==========================================================
     ``buffer``                    the samples, to which hidden ones can be added
     ``lattice``                   positions are multiples of 1/lattice pixels; 0: anywhere
+    ``even``                      float32 (n,), the weights that the first n of them have without
+                                  those that refine pixels. What is behind these is enough
     ============================  ==========================================================
     """
 
     buffer: SampleBuffer
     lattice: int
+    even: np.ndarray
 
 
 def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> VisibleSamples:
     """Sample what the pinhole sees of ``window``, by the pattern of ``sampling``."""
     if sampling.pattern == "sampler":
-        return _by_sampler(rays, window, sampling.layers)
+        return _by_sampler(rays, window, sampling)
     uniform = sampling.pattern == "uniform"
     lattice = PAPERS_LATTICE if uniform else 1 << sampling.subdivisions
 
@@ -62,29 +68,63 @@ def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> Vis
     buffer = SampleBuffer(len(points.ix))
     x, y = _positions(points.ix, points.iy, lattice, window)
     buffer.add(x, y, points.shown, points.weight, layer=0)
-    return VisibleSamples(buffer, lattice)
+    return VisibleSamples(buffer, lattice, buffer.columns().weight.copy())
 
 
 # ---------------------------------------------------------------- by the sampler
 
 
-def _by_sampler(rays: PrimaryRays, window: Window, layers: int) -> VisibleSamples:
+def _by_sampler(rays: PrimaryRays, window: Window, sampling: Sampling) -> VisibleSamples:
     """``spp`` samples in each pixel where the sampler puts them, pixel by pixel.
 
-    Far beyond the crop window there are as many in each of larger cells.
+    Far beyond the crop window there are as many in each of larger cells. Then come the further ones
+    of pixels that are refined.
     """
     spp = rays.passes.spp
     parts = sampler_cells(rays.crop, window)
     # There is room for as many hidden samples, too.
-    buffer = SampleBuffer(sum(map(len, parts)) * spp * min(layers, 2))
-    passes = [cells[part] for cells in parts for part in wavefronts(len(cells), spp)]
-    for cells in track(passes, "Sampling"):
-        rays.passes.begin(len(cells) * spp)
-        position, end = cells.positions(rays.passes.sampler.next_2d(), spp)
+    buffer = SampleBuffer(sum(map(len, parts)) * spp * min(sampling.layers, 2))
+    for cells in parts:
+        _sample_cells(buffer, rays, cells, cells.area / spp)
+    even = buffer.columns().weight.copy()
+    if sampling.refine > 0:
+        _refine(buffer, rays, parts[0], sampling)
+    return VisibleSamples(buffer, 0, even)
+
+
+def _sample_cells(
+    buffer: SampleBuffer, rays: PrimaryRays, cells: Cells, weight: np.ndarray
+) -> None:
+    """Add ``spp`` samples in each cell, whose ``weight``, (N,), is that of each of them."""
+    spp = rays.passes.spp
+    for part in track(wavefronts(len(cells), spp), "Sampling"):
+        here = cells[part]
+        rays.passes.begin(len(here) * spp)
+        position, end = here.positions(rays.passes.sampler.next_2d(), spp)
         traced = rays.trace(position)
         shown, (x, y) = to_host(traced, _before(position.x, end.x), _before(position.y, end.y))
-        buffer.add(x, y, shown, np.repeat(cells.area / spp, spp), layer=0)
-    return VisibleSamples(buffer, 0)
+        buffer.add(x, y, shown, np.repeat(weight[part], spp), layer=0)
+
+
+def _refine(buffer: SampleBuffer, rays: PrimaryRays, pixels: Cells, sampling: Sampling) -> None:
+    """Add further sets of samples to the ``pixels`` of the crop window, which come first.
+
+    All samples of a pixel then count the same.
+    """
+    spp, columns, lens = rays.passes.spp, buffer.columns(), rays.sensor.lens()
+    scale = 0.0
+    if isinstance(lens, ThinLens):
+        scale = radius_per_vergence(lens, rays.sensor.camera())
+    score = np.empty(len(pixels))
+    for part in wavefronts(len(pixels), spp):
+        here = slice(part.start * spp, part.stop * spp)
+        rgb, z = columns.rgb[here].reshape(-1, spp, 3), columns.z[here].reshape(-1, spp)
+        score[part] = pixel_score(rgb, mean_sharpness(z, scale, sampling.foci))
+    size = rays.crop.height, rays.crop.width
+    sets = further_sets(score.reshape(size), sampling.refine).ravel()
+    weight = 1 / (spp * (1 + sets))
+    columns.weight[: len(pixels) * spp] = np.repeat(weight, spp)
+    _sample_cells(buffer, rays, pixels.repeated(sets), np.repeat(weight, sets))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,6 +178,10 @@ class Cells:
         right, bottom = left + self.width, top + self.height
         inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
         return inside > 0.5
+
+    def repeated(self, times: np.ndarray) -> Cells:
+        """Each of them so many ``times``, int (N,)."""
+        return Cells(*(np.repeat(column, times) for column in self._columns()))
 
     @property
     def area(self) -> np.ndarray:

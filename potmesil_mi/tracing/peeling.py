@@ -36,8 +36,12 @@ FEW_POINTS = 3
 """Points of the lens from which everything is looked at; from the others only in cells of the film
 where these have seen something."""
 
-VOTERS = 16
-"""Samples, at least, that a cell of the film has."""
+VOTERS = 64
+"""Samples, at least, that nine of ten cells of the film have: what few points of the lens see is
+found by few."""
+
+FEWEST = 0.1
+"""As large a part of the pixels may have fewer samples than are counted on."""
 
 USUALLY_MET = 8
 """There is room for so many surfaces a ray; where that is too little, rays are followed again."""
@@ -86,6 +90,7 @@ class Hidden:
 def add_hidden(
     buffer: SampleBuffer,
     chosen: np.ndarray,
+    weight: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
@@ -94,8 +99,9 @@ def add_hidden(
     """Add what lies behind the samples that there are, up to ``layers`` surfaces in all on a ray.
 
     ``chosen``, int (n,), are the numbers of those behind which the ``lens`` may see something.
-    What is found is shaded by ``paths`` paths each. Returns where on its primary ray each added
-    sample's own begins, float32 (N,): see ``start`` of :class:`Hidden`.
+    What is found behind a sample has its ``weight``, and is shaded by ``paths`` paths each. Returns
+    where on its primary ray each added sample's own begins, float32 (N,): see ``start`` of
+    :class:`Hidden`.
     """
     first = buffer.columns()
     cells = cells_of(first.x[chosen], first.y[chosen])
@@ -105,8 +111,8 @@ def add_hidden(
         place = first.x[number], first.y[number], first.z[number]
         parts.append(peeled(number, *place, cells[part], rays, lens, layers))
     hidden = Hidden.joined(parts)
-    x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
-    buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
+    x, y = first.x[hidden.of], first.y[hidden.of]
+    buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight[hidden.of], hidden.layer)
     return hidden.start
 
 
@@ -272,11 +278,11 @@ def _sees(lens: LensRays, target: Target, cell: mi.UInt32, cells: int) -> mi.Boo
 def cells_of(x: np.ndarray, y: np.ndarray, samples: int = VOTERS) -> np.ndarray:
     """Numbers, uint32 (N,), of square cells of the film in which positions lie.
 
-    They are of whole pixels, which have so many ``samples`` or more on the average.
+    They are of whole pixels, and most have so many ``samples`` or more.
     """
     column, row = (np.floor(at - at.min()).astype(np.uint32) for at in (x, y))
-    pixels = np.count_nonzero(np.bincount(row * (column.max() + 1) + column))
-    side = math.ceil(math.sqrt(samples * pixels / len(x)))
+    counts = np.bincount(row * (column.max() + 1) + column)
+    side = math.ceil(math.sqrt(samples / np.quantile(counts[counts > 0], FEWEST)))
     column, row = column // side, row // side
     return row * (column.max() + 1) + column
 

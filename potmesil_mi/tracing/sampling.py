@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from numbers import Real
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_whole
+from .._validation import require_number, require_whole
 
 Pattern = Literal["sampler", "uniform", "adaptive"]
 """Where the film is sampled; see ``pattern`` of :class:`Sampling`."""
@@ -18,6 +18,13 @@ PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
 
 PAPERS_THRESHOLD = 25 / 255
 """Difference of intensities from which the paper subdivides a square: 25 steps of 8 bits."""
+
+
+REFINE = 0.25
+"""Further samples, as a share of the even ones: twice as many bring little more."""
+
+MOST_REFINE = 16
+"""Most of them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +56,14 @@ class Sampling:
                                   serve; by default that of the lens at hand
     ``virtual_depth``             depth of what is seen in mirrors and through glass is that of
                                   its image (default), not that of the mirror or glass
+    ``refine``                    ``sampler``: further samples, as a share of those of the crop
+                                  window, 0 to 16 (default 0.25). They go to pixels around which
+                                  radiance varies most
+    ``focus_range``               the nearest and the farthest distance that will be focused on,
+                                  in scene units, or a text such as ``0.8/3``: ``refine`` spends
+                                  less on what is blurred then. Twice the same is one picture.
+                                  By default, and with an orthographic sensor, anything may be
+                                  in focus
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
@@ -62,6 +77,8 @@ class Sampling:
     overscan: int | None = None
     min_f_number: float | None = None
     virtual_depth: bool = True
+    refine: float = REFINE
+    focus_range: tuple[float, float] | str | None = None
 
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
@@ -80,3 +97,26 @@ class Sampling:
             raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
         if not isinstance(self.virtual_depth, (bool, np.bool_)):
             raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
+        require_number("refine", self.refine, 0, MOST_REFINE)
+        if self.focus_range is not None:
+            object.__setattr__(self, "focus_range", _focus_range(self.focus_range))
+
+    @property
+    def foci(self) -> tuple[float, float] | None:
+        """The ``focus_range`` as two numbers."""
+        return None if self.focus_range is None else _focus_range(self.focus_range)
+
+
+def _focus_range(value: Any) -> tuple[float, float]:
+    """Both ends of a ``focus_range``. Raises ``TypeError`` or ``ValueError`` that names it."""
+    ends = value.split("/") if isinstance(value, str) else value
+    allowed = "two distances > 0, the nearer one first, such as (0.8, 3) or '0.8/3'"
+    try:
+        near, far = (float(end) for end in ends)
+    except TypeError as error:
+        raise TypeError(f"focus_range={value!r}: must be {allowed}") from error
+    except ValueError as error:
+        raise ValueError(f"focus_range={value!r}: must be {allowed}") from error
+    if not 0 < near <= far:
+        raise ValueError(f"focus_range={value!r}: must be {allowed}")
+    return near, far
