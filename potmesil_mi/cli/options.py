@@ -24,6 +24,8 @@ SAMPLING_OPTIONS = {
     "overscan": "beyond each side (default: as far as circles of confusion reach)",
     "min_f_number": "widest aperture that the samples must serve (default: the lens's)",
     "virtual_depth": "images in mirrors and glass have their own depth (default: yes)",
+    "refine": "further samples where radiance varies, as a share of all (default 0.25)",
+    "focus_range": "nearest and farthest distance that will be focused on (default: any)",
 }
 """Help of the options that are fields of ``Sampling``."""
 
@@ -57,6 +59,8 @@ METHOD_OPTIONS = {
 METAVARS = {
     "overscan": "PIXELS",
     "min_f_number": "N",
+    "refine": "SHARE",
+    "focus_range": "NEAR/FAR",
     "f_number": "N",
     "aperture_radius": "R",
     "focus_distance": "U",

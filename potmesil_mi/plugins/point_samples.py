@@ -70,6 +70,14 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - |bool|
        - Depth of what is seen in mirrors and through glass is that of its image.
          (Default: true)
+     * - refine
+       - |float|
+       - ``sampler``: further samples, as a share of those of the crop window, 0 to 16. They go to
+         pixels around which radiance varies most. Not in the film's channels. (Default: 0.25)
+     * - focus_range
+       - |string|
+       - The nearest and the farthest distance that will be focused on, such as ``0.8/3``:
+         ``refine`` spends less on what is blurred then. (Default: anything may be in focus)
     """
 
     plugin = "point_samples"
@@ -79,8 +87,8 @@ class PointSamplesIntegrator(WrapperIntegrator):
         return list(AOVS)
 
     def film_sampling(self) -> Sampling:
-        """What the pinhole sees of the film, and no more."""
-        return dataclasses.replace(self.sampling, layers=1, overscan=0)
+        """What the pinhole sees of the film, as often in each pixel, and no more."""
+        return dataclasses.replace(self.sampling, layers=1, overscan=0, refine=0)
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The pinhole picture, and the channels of a sample of each pixel."""

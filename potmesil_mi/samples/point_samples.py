@@ -242,8 +242,8 @@ class PointSamples(Columns):
         signed circles of confusion round to the same multiple of ``tolerance`` pixels, become one.
         It has the sum of their weights and, weighted by these, the mean of their positions,
         colours and 1/z (of an orthographic camera z), so that the light of a pixel is unchanged.
-        Where there were 64 a pixel, ``layered`` no longer forms the picture on subpixels by itself,
-        but with ``squares=2``. Samples on a lattice belong to several pixels and stay as they are.
+        Where there were 64 a pixel, ``layered`` no longer looks closely by itself, but with
+        ``squares=2,lens_points=64``. Samples on a lattice belong to several pixels and stay as they are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not 0 < tolerance < np.inf:

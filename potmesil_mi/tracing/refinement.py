@@ -56,10 +56,11 @@ def mean_sharpness(
 def pixel_score(rgb: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
     """s²/A of pixels, (N,): of their samples' radiance, (N, n, 3), and 1/A, (N, n).
 
-    s² is the sum over the colours.
+    s² is the sum over the colours. It is not finite where radiance is not.
     """
-    apart = rgb - rgb.mean(axis=1, keepdims=True)
-    return (np.einsum("nsc,nsc->ns", apart, apart) * sharpness).mean(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # Infinite radiance is dropped later.
+        apart = rgb - rgb.mean(axis=1, keepdims=True)
+        return (np.einsum("nsc,nsc->ns", apart, apart) * sharpness).mean(axis=1)
 
 
 def further_sets(score: np.ndarray, share: float) -> np.ndarray:

@@ -10,6 +10,7 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 PATH = {"type": "path", "max_depth": 3}
 FOCUS = {"type": "focus", "nested": PATH}
+EVEN = {**FOCUS, "refine": 0.0}
 METHODS = [
     {"method": "paper", "inverse_square": False},
     {"method": "layered"},
@@ -66,7 +67,7 @@ def test_focus_puts_the_picture_into_the_film(tmp_path, pixel_format, channels):
 def test_focus_fills_the_crop_window(options):
     crop = {"crop_offset_x": 7, "crop_offset_y": 4, "crop_width": 11, "crop_height": 9}
     closed = {"f_number": 1e6}
-    scene = still_life({**FOCUS, **options}, film=crop, sensor=closed, spp=8)
+    scene = still_life({**EVEN, **options}, film=crop, sensor=closed, spp=8)
     image = np.array(mi.render(scene, seed=1))
     assert image.shape == (9, 11, 3)
     assert list(scene.sensors()[0].film().bitmap().size()) == [11, 9]
@@ -89,7 +90,7 @@ def test_alpha_is_blurred_like_the_colours(options):
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 def test_focus_works_in_other_variants(variant, options):
     mi.set_variant(variant)
-    scene = still_life({**FOCUS, **options}, sensor={"f_number": 1e6}, spp=8)
+    scene = still_life({**EVEN, **options}, sensor={"f_number": 1e6}, spp=8)
     image = np.array(mi.render(scene, seed=1))
     path = np.array(mi.render(scene, integrator=mi.load_dict(PATH), seed=1))
     assert image.shape == path.shape
@@ -225,6 +226,11 @@ def test_what_is_wrong_with_a_wrapped_integrator_is_named(plugin, nested, text):
         ({"tables": 1}, "tables=1"),
         ({"squares": 99}, "99"),
         ({"overscan": -1}, "overscan=-1"),
+        ({"refine": -0.5}, r"refine=-0\.5"),
+        ({"refine": 17.0}, r"refine=17"),
+        ({"focus_range": "3/1"}, "focus_range='3/1': must be two distances"),
+        ({"focus_range": "near"}, "focus_range='near': must be two distances"),
+        ({"focus_range": 2.0}, r"focus_range=2\.0: must be two distances"),
         ({"layers": 0}, "layers=0"),
     ],
 )

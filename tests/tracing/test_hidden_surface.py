@@ -10,8 +10,11 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 PATH = {"type": "path", "max_depth": 3}
 
-PRIMARY = {"layers": 1, "overscan": 0}
-"""Sampling of what the pinhole sees of the film, and no more."""
+PRIMARY = {"layers": 1, "overscan": 0, "refine": 0}
+"""Sampling of what the pinhole sees of the film, as often in each pixel, and no more."""
+
+EVEN = pm.Sampling(refine=0)
+"""Sampling of each pixel as often as of any other."""
 
 
 def rendered(scene, **options):
@@ -21,14 +24,14 @@ def rendered(scene, **options):
 @pytest.mark.parametrize("sampler", ["independent", "stratified", "multijitter", "orthogonal"])
 def test_the_samples_are_those_of_mi_render(sampler):
     scene = still_life(sampler=sampler, spp=9)
-    samples = pm.render_samples(scene, seed=5)
+    samples = pm.render_samples(scene, seed=5, sampling=EVEN)
     np.testing.assert_allclose(pinhole_mean(samples), rendered(scene, seed=5), atol=1e-6)
 
 
 def test_the_samples_are_those_of_mi_render_in_a_crop_window():
     crop = {"crop_offset_x": 7, "crop_offset_y": 4, "crop_width": 11, "crop_height": 9}
     scene = still_life(film=crop, spp=8)
-    samples = pm.render_samples(scene, seed=2)
+    samples = pm.render_samples(scene, seed=2, sampling=EVEN)
     assert samples.camera.crop_offset == (7, 4)
     first = slice(0, 11 * 9 * 8)
     np.testing.assert_array_equal(
@@ -47,16 +50,16 @@ def test_other_variants_give_the_radiance_of_mi_render(variant):
     expected = rendered(scene, seed=1)
     if expected.shape[-1] == 1:
         expected = np.repeat(expected, 3, axis=-1)
-    samples = pm.render_samples(scene, seed=1)
+    samples = pm.render_samples(scene, seed=1, sampling=EVEN)
     np.testing.assert_allclose(pinhole_mean(samples), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("pixels", [1, 7, 24 * 3])
 def test_passes_of_some_pixels_sample_the_same_film(monkeypatch, pixels):
     scene = still_life(spp=64)
-    whole = pm.render_samples(scene)
+    whole = pm.render_samples(scene, sampling=EVEN)
     monkeypatch.setattr(passes, "WAVEFRONT", 64 * pixels)
-    in_passes = pm.render_samples(scene)
+    in_passes = pm.render_samples(scene, sampling=EVEN)
     assert in_passes.window == whole.window
     np.testing.assert_array_equal(in_passes.visible().pixel(), whole.visible().pixel())
     difference = pinhole_mean(in_passes) - pinhole_mean(whole)
@@ -76,13 +79,13 @@ def test_depth_is_along_the_axis_and_not_along_the_ray():
 
 def test_a_moved_and_turned_camera_sees_the_same_depths():
     placed = {"to_world": mi.ScalarTransform4f().rotate([0.6, 0, 0.8], 50).translate([4, 5, 6])}
-    samples = pm.render_samples(still_life(spp=4))
+    samples = pm.render_samples(still_life(spp=4), sampling=EVEN)
     matrix = placed["to_world"]
     scene = still_life(spp=4)
     ball = {"type": "sphere", "to_world": matrix.translate([0, 0, 2.3]).scale(0.3)}
     moved = still_life(spp=4, sensor=placed, ball=ball, wall={"type": "sphere", "radius": 1e-3})
     ball_depths = samples.z[samples.surface == 1]
-    again = pm.render_samples(moved)
+    again = pm.render_samples(moved, sampling=EVEN)
     moved_depths = again.z[again.surface == 1]
     assert scene.sensors()[0].lens() == moved.sensors()[0].lens()
     np.testing.assert_allclose(np.sort(moved_depths), np.sort(ball_depths), rtol=1e-4)
@@ -180,7 +183,7 @@ def test_the_medium_around_the_camera_is_seen_through():
         sensor={"medium": fog, "f_number": 2.0},
     )
     clear = pm.render_samples(still_life({"type": "volpath", "max_depth": 4}, spp=64))
-    foggy = pm.render_samples(scene)
+    foggy = pm.render_samples(scene, sampling=EVEN)
     expected = np.array(mi.render(scene))
     np.testing.assert_allclose(pinhole_mean(foggy), expected, atol=1e-5)
     assert foggy.rgb.mean() < 0.5 * clear.rgb.mean()

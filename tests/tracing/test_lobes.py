@@ -26,6 +26,9 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 F = ((N - 1) / (N + 1)) ** 2
 """Share of light that a face of glass reflects where it is met at a right angle."""
 
+EVEN = pm.Sampling(refine=0)
+"""Sampling of each pixel as often as of any other."""
+
 THIN = {"type": "thindielectric", "int_ior": N, "ext_ior": 1.0}
 OF_THIN = 2 * F / (1 + F)
 """Share of light that a pane with two faces reflects."""
@@ -59,8 +62,8 @@ def slab():
 @pytest.mark.parametrize("layers", [1, 16])
 def test_the_picture_of_the_pinhole_is_the_integrators_own(thing, layers):
     scene = scene_with(thing())
-    whole = pm.render_samples(scene, sampling=pm.Sampling(virtual_depth=False, layers=1))
-    parted = pm.render_samples(scene, sampling=pm.Sampling(layers=layers, overscan=0))
+    whole = pm.render_samples(scene, sampling=pm.Sampling(virtual_depth=False, layers=1, refine=0))
+    parted = pm.render_samples(scene, sampling=pm.Sampling(layers=layers, overscan=0, refine=0))
     inside = (whole.x >= 0) & (whole.x < 12) & (whole.y >= 0) & (whole.y < 12)
     np.testing.assert_allclose(light(parted), light(whole, inside), rtol=1e-4, atol=1e-5)
     assert parted.layer.max() == 0 or layers > 1
@@ -72,7 +75,7 @@ def at_depth(samples, z):
 
 
 def test_a_pane_is_two_samples_with_their_shares():
-    samples = pm.render_samples(scene_with(pane(), radius=0.02, spp=16))
+    samples = pm.render_samples(scene_with(pane(), radius=0.02, spp=16), sampling=EVEN)
     middle = (np.abs(samples.x - 6) < 1) & (np.abs(samples.y - 6) < 1)
     through, reflected = (middle & at_depth(samples, z) for z in (4, 2.5))
     assert reflected.sum() == through.sum() > 0
@@ -86,7 +89,7 @@ def test_a_pane_is_two_samples_with_their_shares():
 
 
 def test_a_slab_reflects_with_both_faces_at_their_depths():
-    samples = pm.render_samples(scene_with(slab(), radius=0.02, spp=16))
+    samples = pm.render_samples(scene_with(slab(), radius=0.02, spp=16), sampling=EVEN)
     middle = (np.abs(samples.x - 6) < 1) & (np.abs(samples.y - 6) < 1)
     near, far = 2 * 0.99 + 0.5, 2 * 0.99 + 0.5 + 2 * 0.02 / N
     shares = [
@@ -98,7 +101,7 @@ def test_a_slab_reflects_with_both_faces_at_their_depths():
 
 
 def test_what_is_behind_a_pane_shows_whole_beside_it():
-    samples = pm.render_samples(scene_with(pane()))
+    samples = pm.render_samples(scene_with(pane()), sampling=EVEN)
     behind = np.isclose(samples.z, 4, rtol=0.01)
     place = samples.x[behind] + 1j * samples.y[behind]
     _, index = np.unique(place, return_inverse=True)

@@ -14,7 +14,7 @@ from scenes import LENS, diffuse
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 COLUMNS = ("x", "y", "rgb", "alpha", "z", "surface", "weight")
-NO_OVERSCAN = pm.Sampling(overscan=0)
+NO_OVERSCAN = pm.Sampling(overscan=0, refine=0)
 STEPS = peeling.SIDES * NO_OVERSCAN.layers - 1
 CHECKS = {
     "type": "checkerboard",
@@ -284,7 +284,7 @@ def test_layers_are_what_one_ray_meets_one_after_the_other():
     }
     counts = []
     for number in (1, 2, 3, 4):
-        sampling = pm.Sampling(layers=number, overscan=0)
+        sampling = pm.Sampling(layers=number, overscan=0, refine=0)
         samples = pm.render_samples(shown(**strips), sampling=sampling)
         counts.append(np.bincount(samples.layer, minlength=4).tolist())
         assert samples.layer.max() == number - 1
@@ -358,7 +358,7 @@ def test_only_cells_with_rays_take_memory_for_their_votes(monkeypatch):
 
 def test_one_layer_gives_no_hidden_samples():
     scene = shown(ball=ball(), wall=glowing(-3, 3, 4))
-    samples = pm.render_samples(scene, sampling=pm.Sampling(layers=1, overscan=0))
+    samples = pm.render_samples(scene, sampling=pm.Sampling(layers=1, overscan=0, refine=0))
     assert len(samples) == 48 * 32 * 4
     assert not samples.layer.any()
 
@@ -416,7 +416,7 @@ def test_lamps_that_are_not_shown_are_not_behind_anything_either():
 def test_a_hidden_sample_has_the_weight_and_place_of_the_one_before_it():
     scene = shown(ball=ball(), wall=glowing(-3, 3, 4))
     for pattern in ("sampler", "uniform", "adaptive"):
-        sampling = pm.Sampling(pattern, overscan=0, subdivisions=1)
+        sampling = pm.Sampling(pattern, overscan=0, subdivisions=1, refine=0)
         every = layers(pm.render_samples(scene, sampling=sampling))
         place = {p: i for i, p in enumerate(positions(every[0]))}
         assert len(place) == len(every[0]["x"])
@@ -537,7 +537,7 @@ def test_overscan_covers_the_circles_that_reach_the_window_and_no_more():
 @pytest.mark.parametrize("margin", [0, 1, 7])
 def test_overscan_is_as_wide_as_is_asked_for(margin):
     samples = pm.render_samples(
-        near_the_frame(film=CROP), sampling=pm.Sampling(overscan=margin, layers=1)
+        near_the_frame(film=CROP), sampling=pm.Sampling(overscan=margin, layers=1, refine=0)
     )
     assert samples.window == (12 - margin, 8 - margin, 24 + 2 * margin, 16 + 2 * margin)
     assert len(samples) == (24 + 2 * margin) * (16 + 2 * margin) * 4
@@ -548,7 +548,8 @@ def test_overscan_is_as_wide_as_is_asked_for(margin):
 def test_the_samples_of_the_crop_window_come_first_and_are_those_without_overscan():
     scene = near_the_frame(film=CROP)
     with_it, without = (
-        pm.render_samples(scene, seed=3, sampling=pm.Sampling(overscan=n, layers=1)) for n in (6, 0)
+        pm.render_samples(scene, seed=3, sampling=pm.Sampling(overscan=n, layers=1, refine=0))
+        for n in (6, 0)
     )
     count = 24 * 16 * 4
     assert len(without) == count

@@ -72,7 +72,7 @@ def scene(integrator=None, sensor=None, **shapes):
 
 def sampled(shown, **options):
     options = {"overscan": 0, **options}
-    return pm.render_samples(shown, sampling=pm.Sampling(**options), seed=3)
+    return pm.render_samples(shown, sampling=pm.Sampling(refine=0, **options), seed=3)
 
 
 def shares(samples, layer=0):
