@@ -279,7 +279,9 @@ def compare(
         sensor.lens(),
     )
     paths = float(spp)
-    if sampling.pattern != "sampler":
+    if sampling.pattern == "sampler":
+        paths *= 1 + sampling.refine
+    else:
         paths *= stages.point_samples / math.prod(sensor.camera().crop_size)
     bounds = _Bounds(spp, paths, reference_spp, reference_floor)
     return _judged(renderer, stages, bounds, chosen)

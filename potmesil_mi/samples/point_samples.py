@@ -243,7 +243,8 @@ class PointSamples(Columns):
         It has the sum of their weights and, weighted by these, the mean of their positions,
         colours and 1/z (of an orthographic camera z), so that the light of a pixel is unchanged.
         Where there were 64 a pixel, ``layered`` no longer looks closely by itself, but with
-        ``squares=2,lens_points=64``. Samples on a lattice belong to several pixels and stay as they are.
+        ``squares=2,lens_points=64``. Samples on a lattice belong to several pixels and stay as they
+        are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         if not 0 < tolerance < np.inf:

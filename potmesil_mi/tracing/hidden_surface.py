@@ -160,9 +160,8 @@ def _with_hidden(
         seen = seen_through(first.x, first.y, np.zeros(primary, np.float32), rays, lens)
     if layers > 1:
         chosen = _may_hide(rays, first, seen, window, widest)
-        chosen = chosen[chosen < len(visible.even)]
         if len(chosen) > 0:
-            start = add_hidden(buffer, chosen, visible.even, rays, lens, layers, paths)
+            start = add_hidden(buffer, chosen, rays, lens, layers, paths)
     lobes = []
     if seen is not None and rays.may_part_light:
         lobes = part_lobes(buffer, seen.through, rays, lens, paths, layers)

@@ -40,14 +40,11 @@ class VisibleSamples:
     ============================  ==========================================================
     ``buffer``                    the samples, to which hidden ones can be added
     ``lattice``                   positions are multiples of 1/lattice pixels; 0: anywhere
-    ``even``                      float32 (n,), the weights that the first n of them have without
-                                  those that refine pixels. What is behind these is enough
     ============================  ==========================================================
     """
 
     buffer: SampleBuffer
     lattice: int
-    even: np.ndarray
 
 
 def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> VisibleSamples:
@@ -68,7 +65,7 @@ def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> Vis
     buffer = SampleBuffer(len(points.ix))
     x, y = _positions(points.ix, points.iy, lattice, window)
     buffer.add(x, y, points.shown, points.weight, layer=0)
-    return VisibleSamples(buffer, lattice, buffer.columns().weight.copy())
+    return VisibleSamples(buffer, lattice)
 
 
 # ---------------------------------------------------------------- by the sampler
@@ -86,10 +83,9 @@ def _by_sampler(rays: PrimaryRays, window: Window, sampling: Sampling) -> Visibl
     buffer = SampleBuffer(sum(map(len, parts)) * spp * min(sampling.layers, 2))
     for cells in parts:
         _sample_cells(buffer, rays, cells, cells.area / spp)
-    even = buffer.columns().weight.copy()
     if sampling.refine > 0:
         _refine(buffer, rays, parts[0], sampling)
-    return VisibleSamples(buffer, 0, even)
+    return VisibleSamples(buffer, 0)
 
 
 def _sample_cells(

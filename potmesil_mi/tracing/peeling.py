@@ -90,7 +90,6 @@ class Hidden:
 def add_hidden(
     buffer: SampleBuffer,
     chosen: np.ndarray,
-    weight: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
@@ -99,9 +98,8 @@ def add_hidden(
     """Add what lies behind the samples that there are, up to ``layers`` surfaces in all on a ray.
 
     ``chosen``, int (n,), are the numbers of those behind which the ``lens`` may see something.
-    What is found behind a sample has its ``weight``, and is shaded by ``paths`` paths each. Returns
-    where on its primary ray each added sample's own begins, float32 (N,): see ``start`` of
-    :class:`Hidden`.
+    What is found is shaded by ``paths`` paths each. Returns where on its primary ray each added
+    sample's own begins, float32 (N,): see ``start`` of :class:`Hidden`.
     """
     first = buffer.columns()
     cells = cells_of(first.x[chosen], first.y[chosen])
@@ -111,8 +109,8 @@ def add_hidden(
         place = first.x[number], first.y[number], first.z[number]
         parts.append(peeled(number, *place, cells[part], rays, lens, layers))
     hidden = Hidden.joined(parts)
-    x, y = first.x[hidden.of], first.y[hidden.of]
-    buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight[hidden.of], hidden.layer)
+    x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
+    buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
     return hidden.start
 
 
