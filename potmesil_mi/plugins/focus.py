@@ -58,10 +58,12 @@ class FocusIntegrator(WrapperIntegrator):
          begin with ``filter``: ``star:points=6,length=0.1,threshold=2``, ``diffraction:scale=20``,
          ``defocus:radius=0.01``, ``fade:amount=0.5,color=1/0.9/0.8``. Parameters are those of
          :class:`potmesil_mi.Star`, ``Diffraction``, ``Defocus`` and ``Fade``. (Default: none)
-     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth, refine,
-         focus_range
+     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth
        - |string|, |float|, |int|, |bool|
        - What is sampled, as for ``point_samples``.
+     * - refine, focus_range
+       - |float|, |string|
+       - Where it is sampled more often, as for ``point_samples``.
     """
 
     plugin = "focus"
