@@ -6,7 +6,6 @@ A shadow ray answers it, whatever the surface is a part of: nothing is known of 
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import drjit as dr
 import mitsuba as mi
@@ -120,16 +119,11 @@ class LensRays:
 
         Each target has an order of its own of all ``LENS_POINTS`` of them.
         """
-        u, v = self._points
-        sine, cosine = dr.sincos(mi.Float(target.number * TURN) * (2 * dr.pi / 2**32))
         width, height = (dr.opaque(mi.Float, half) for half in self.radius)
         side = dr.dot(target.normal, target.direction)
 
         def look(active: mi.Bool, step: mi.UInt32) -> tuple[mi.Bool, mi.UInt32]:
-            # Each target begins with other points, from the middle of the lens to its rim.
-            point = (step * STRIDE + step // (LENS_POINTS // STRIDE) + target.number) % LENS_POINTS
-            x, y = dr.gather(mi.Float, u, point, active), dr.gather(mi.Float, v, point, active)
-            x, y = cosine * x - sine * y, sine * x + cosine * y
+            x, y = lens_point(target.number, step, active)
             ray = self._towards(target, x * width, y * height)
             same_side = (dr.dot(target.normal, ray.d) * side > 0) | ~target.met
             sees = same_side & ~self._is_blocked(ray, active & same_side)
@@ -138,12 +132,6 @@ class LensRays:
         state = dr.full(mi.Bool, True, dr.width(target)), mi.UInt32(first)
         left, _ = dr.while_loop(state, lambda active, step: active & (step < end), look)
         return ~left
-
-    @functools.cached_property
-    def _points(self) -> tuple[mi.Float, mi.Float]:
-        """The points in radii of the lens."""
-        u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
-        return u, v
 
     def _towards(self, target: Target, u: mi.Float, v: mi.Float) -> mi.Ray3f:
         """The ray from the point (u, v) of the lens to ``target``."""
@@ -183,3 +171,19 @@ class LensRays:
 
         state = (mi.Bool(active), mi.Bool(False), mi.Ray3f(ray))
         return dr.while_loop(state, lambda going, *_: going, step)[1]
+
+
+def lens_point(
+    number: mi.UInt32, step: mi.UInt32, active: mi.Bool | bool = True
+) -> tuple[mi.Float, mi.Float]:
+    """From where the target of a ``number`` is looked at in a ``step``, in radii of the lens.
+
+    Each target begins with other points, from the middle of the lens to its rim, and has an order
+    of its own of all ``LENS_POINTS`` of them.
+    """
+    u, v = (from_numpy(mi.Float, column) for column in lens_points(LENS_POINTS).T)
+    point = (step * STRIDE + step // (LENS_POINTS // STRIDE) + number) % LENS_POINTS
+    x, y = dr.gather(mi.Float, u, point, active), dr.gather(mi.Float, v, point, active)
+    # Backwards: a point is as far on from the one before it as the next target would be turned.
+    sine, cosine = dr.sincos(mi.Float(number * TURN) * (-2 * dr.pi / 2**32))
+    return cosine * x - sine * y, sine * x + cosine * y

@@ -32,7 +32,7 @@ from .virtual_depth import Visible
 LABEL = "Hidden surfaces"
 """What is said of the progress."""
 
-FEW_POINTS = 3
+FEW_POINTS = 2
 """Points of the lens from which everything is looked at; from the others only in cells of the film
 where these have seen something."""
 

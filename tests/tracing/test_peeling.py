@@ -9,6 +9,7 @@ import potmesil_mi as pm
 from potmesil_mi.optics.blur import widest_radius_per_vergence
 from potmesil_mi.samples.columns import ELSEWHERE
 from potmesil_mi.tracing import peeling
+from potmesil_mi.tracing.lens_rays import lens_point
 from scenes import LENS, diffuse
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -262,6 +263,18 @@ def test_a_mask_hides_only_where_it_is_opaque():
     np.testing.assert_allclose(behind["z"], 4, rtol=1e-5)
     # Through the holes the wall is the first surface, and behind it is none.
     assert names(samples, hidden_behind(samples, "wall")) <= {"nothing"}
+
+
+def test_few_looks_at_each_of_many_targets_are_from_all_around_the_lens():
+    # From a few directions alone, walls behind a pole were missed in whole pixels.
+    number, step = (np.ravel(n) for n in np.meshgrid(np.arange(64), np.arange(peeling.FEW_POINTS)))
+    x, y = (np.array(n) for n in lens_point(mi.UInt32(number), mi.UInt32(step)))
+    assert np.hypot(x, y).max() <= 1
+    for least in (0.5, 0.8):
+        outer = np.hypot(x, y) > least
+        angles = np.sort(np.arctan2(y, x)[outer])
+        gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+        assert np.degrees(gaps.max()) < 32
 
 
 def test_the_holes_of_a_mask_behind_a_strip_are_looked_through():
