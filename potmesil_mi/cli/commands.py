@@ -34,7 +34,7 @@ RENDER_EXAMPLES = """
 examples:
   potmesil render scenes/figure11.xml -o figure11c.png
   potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
-  potmesil render kitchen.xml --f-number 2 --focus-distance 1.2 -o kitchen.png --samples kitchen.samples
+  potmesil render kitchen.xml --f-number 2 --focus-distance 1 -o near.png --samples kitchen.samples
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
 perspective, which has no lens, with the one that the options describe; the field of view stays. An
