@@ -112,16 +112,21 @@ def focus_options(command: argparse.ArgumentParser) -> str:
 
 def refocus(options: argparse.Namespace) -> None:
     """``potmesil focus``: samples through another lens."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from ..filters.base import as_filters
-    from ..focusing.api import focus
     from ..samples.point_samples import PointSamples
 
     _check_outputs(options.output)
     _require_apart(options.samples, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
-    set_variant(options.variant)
-    samples = PointSamples.load(options.samples)
+    with ThreadPoolExecutor(1) as pool:  # Mitsuba starts while the samples are read.
+        loading = pool.submit(PointSamples.load, options.samples)
+        from ..focusing.api import focus
+
+        set_variant(options.variant)
+        samples = loading.result()
     lens = samples.lens.replace(**given_lens(options))
     _write(focus(samples, lens, method=method, filters=filters), options.output)
 

@@ -139,10 +139,11 @@ class PointSamples(Columns):
         What a ray sees behind half-transparent things are several samples, of one position.
         """
         own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
-        x, y, weight = self.x[own], self.y[own], self.weight[own]
-        count = len(x)
+        weight = self.weight[own]
+        count = len(weight)
         if count > 0 and weight.min() < weight.max():
-            places = x.view(np.uint32).astype(np.uint64) << np.uint64(32) | y.view(np.uint32)
+            x, y = self.x[own].view(np.uint32), self.y[own].view(np.uint32)
+            places = x.astype(np.uint64) << np.uint64(32) | y
             count = len(np.unique(places))
         return count // self.crop_window.size
 
@@ -153,9 +154,9 @@ class PointSamples(Columns):
         Hidden twins do not count, whose like is visible, nor what is seen in windows from elsewhere
         in the lens, which is known of it.
         """
-        weight = self.weight.astype(np.float64)
-        hidden = weight[(self.layer > 0) & (self.layer < TWINS)].sum()
-        visible = weight[self.layer == 0].sum()
+        behind = (self.layer > 0) & (self.layer < TWINS)
+        hidden = self.weight[behind].sum(dtype=np.float64)
+        visible = self.weight[self.layer == 0].sum(dtype=np.float64)
         return float(hidden / visible) if visible > 0 else 0.0
 
     @property
