@@ -147,10 +147,13 @@ def _parsed(attributes: dict[str, Any]) -> tuple[Header, int]:
 
 def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str, np.ndarray]:
     """The deep channels of the ``chosen`` samples."""
-    pixel = window.pixel_of(columns.x, columns.y)[chosen]
-    order = np.lexsort([columns.z[chosen], pixel])
+    which = np.flatnonzero(chosen)
+    pixel = window.pixel_of(columns.x[which], columns.y[which])
     counts = np.bincount(pixel, minlength=window.size)
-    order = np.flatnonzero(chosen)[order]
+    # By pixel and depth, in one key: the bits of numbers > 0 are in the order of these.
+    depth = columns.z[which].view(np.uint32)
+    key = pixel.astype(np.uint64) << np.uint64(32) | depth
+    order = which[np.argsort(key, kind="stable")]
     weight, alpha = columns.weight[order], columns.alpha[order]
     share = _share(weight, alpha, counts)
     channels = {
@@ -172,9 +175,18 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
     if columns.visibility is not None:
         halves = columns.visibility[order].astype("<u8").view("<u4").reshape(-1, 2)
         channels |= dict(zip(_VISIBILITY, np.ascontiguousarray(halves.T), strict=True))
-    return {
-        name: _per_pixel(values, counts).reshape(window.shape) for name, values in channels.items()
-    }
+    return {name: _per_pixel(values, counts, window) for name, values in channels.items()}
+
+
+def _per_pixel(values: np.ndarray, counts: np.ndarray, window: Window) -> np.ndarray:
+    """An array of objects, one for each pixel: the consecutive ``counts`` of ``values``."""
+    pixels = np.empty(window.size, dtype=object)
+    pixels.fill(values[:0])
+    full = np.flatnonzero(counts)
+    ends = np.cumsum(counts[full])
+    rows = map(slice, (ends - counts[full]).tolist(), ends.tolist())
+    pixels[full] = np.fromiter(map(values.__getitem__, rows), object, len(full))
+    return pixels.reshape(window.shape)
 
 
 def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
@@ -186,12 +198,10 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         raise ValueError(f"is damaged or not of this version: it has no channel {absent[0]}")
     pixels = {name: channels[name].pixels.ravel() for name in names}
     counts = np.array([0 if values is None else len(values) for values in pixels["Z"]])
-    if not counts.any():
+    full = np.flatnonzero(counts)
+    if not len(full):
         return None
-    flat = {
-        name: np.concatenate([values for values in column if values is not None])
-        for name, column in pixels.items()
-    }
+    flat = {name: np.concatenate(column[full].tolist()) for name, column in pixels.items()}
     weight, alpha = flat["potmesil.weight"], flat["potmesil.alpha"]
     x, y = flat["potmesil.x"], flat["potmesil.y"]
     if version == 1:
@@ -230,18 +240,3 @@ def _share(weight: np.ndarray, alpha: np.ndarray, counts: np.ndarray) -> np.ndar
     blocked -= np.repeat(blocked[starts], counts)
     remaining = np.repeat(np.add.reduceat(weight, starts), counts) - blocked
     return np.minimum(weight / np.maximum(remaining, weight), 1.0)
-
-
-def _per_pixel(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """An array of objects: the consecutive ``counts`` of ``values``, as views of them."""
-    pixels = np.empty(len(counts), dtype=object)
-    starts = np.cumsum(counts) - counts
-    for count in np.unique(counts):
-        same = np.flatnonzero(counts == count)
-        if count == 0:
-            pixels[same] = [np.empty(0, dtype=values.dtype)] * len(same)
-            continue
-        block = values[starts[same][:, None] + np.arange(count)]
-        for i, row in zip(same, block, strict=True):
-            pixels[i] = row
-    return pixels
