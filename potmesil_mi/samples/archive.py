@@ -137,7 +137,7 @@ def read(path: Path) -> tuple[Header, Columns]:
             columns[name] = np.empty(shape, dtype)
             jobs += _unpack(packed, columns[name], pool)
         if entries:
-            raise ValueError(f"holds {next(iter(entries))!r}, which is not of this version")
+            raise ValueError(f"holds {next(iter(entries))[:80]!r}, which is not of this version")
         for job in jobs:
             job.result()
     return header, Columns(**columns)
@@ -149,7 +149,9 @@ def _entries(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
     for entry in archive.infolist():
         packed = entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size
         if packed or entry.file_size > size or entry.filename in entries:
-            raise ValueError(f"is damaged: its entry {entry.filename!r} is not stored once, as is")
+            raise ValueError(
+                f"is damaged: its entry {entry.filename[:80]!r} is not stored once, as is"
+            )
         entries[entry.filename] = entry
     return entries
 
@@ -165,7 +167,10 @@ def _text(archive: zipfile.ZipFile, entries: dict[str, zipfile.ZipInfo], name: s
     name = TEXT.format(name)
     if name not in entries:
         raise ValueError(f"does not hold point samples: it has no {name}")
-    return archive.read(entries.pop(name)).decode()
+    try:
+        return archive.read(entries.pop(name)).decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name}: is not text: {error}") from error
 
 
 def _header(archive: zipfile.ZipFile, entries: dict[str, zipfile.ZipInfo]) -> Header:
