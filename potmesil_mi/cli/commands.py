@@ -121,11 +121,13 @@ def refocus(options: argparse.Namespace) -> None:
     _require_apart(options.samples, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
-    with ThreadPoolExecutor(1) as pool:  # Mitsuba starts while the samples are read.
+    # The samples are read while Mitsuba starts and what takes longest to import is imported.
+    with ThreadPoolExecutor(1) as pool:
         loading = pool.submit(PointSamples.load, options.samples)
+        set_variant(options.variant)
+        from ..focusing import layered  # noqa: F401
         from ..focusing.api import focus
 
-        set_variant(options.variant)
         samples = loading.result()
     lens = samples.lens.replace(**given_lens(options))
     _write(focus(samples, lens, method=method, filters=filters), options.output)
