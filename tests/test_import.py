@@ -85,6 +85,17 @@ except SystemExit:
     assert run(code).endswith("\n[]\n")
 
 
+def test_the_options_of_focus_are_known_without_drjit_and_scipy():
+    code = f"""
+from potmesil_mi.cli import main
+try:
+    main(["focus", "--help"])
+except SystemExit:
+    pass
+{LOADED}"""
+    assert run(code).endswith("\n['numpy']\n")
+
+
 def test_dof_needs_no_mitsuba_and_no_scipy():
     code = "from potmesil_mi.cli import main; main(['dof']);" + LOADED
     assert run(code).endswith("['numpy', 'rich']\n")
