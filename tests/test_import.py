@@ -64,7 +64,7 @@ def test_the_package_tells_type_checkers_that_it_is_typed():
 
 # ---------------------------------------------------------------- light
 
-HEAVY = "('mitsuba', 'drjit', 'scipy', 'numpy', 'OpenEXR', 'rich')"
+HEAVY = "('mitsuba', 'drjit', 'scipy', 'numpy', 'OpenEXR', 'numcodecs', 'rich')"
 LOADED = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
 
 
@@ -85,6 +85,17 @@ except SystemExit:
     assert run(code).endswith("\n[]\n")
 
 
+def test_the_options_of_focus_are_known_without_drjit_and_scipy():
+    code = f"""
+from potmesil_mi.cli import main
+try:
+    main(["focus", "--help"])
+except SystemExit:
+    pass
+{LOADED}"""
+    assert run(code).endswith("\n['numpy']\n")
+
+
 def test_dof_needs_no_mitsuba_and_no_scipy():
     code = "from potmesil_mi.cli import main; main(['dof']);" + LOADED
     assert run(code).endswith("['numpy', 'rich']\n")
@@ -93,6 +104,26 @@ def test_dof_needs_no_mitsuba_and_no_scipy():
 def test_setting_a_variant_does_not_wait_for_scipy():
     code = "import potmesil_mi, mitsuba as mi; mi.set_variant('scalar_rgb');"
     assert "scipy" not in run(code + LOADED)
+
+
+@pytest.mark.parametrize(
+    ("ending", "needed", "other"),
+    [(".exr", "OpenEXR", "numcodecs"), (".samples", "numcodecs", "OpenEXR")],
+)
+def test_a_file_of_samples_needs_no_library_of_the_other_format(tmp_path, ending, needed, other):
+    code = f"""
+import sys; sys.path.insert(0, "tests")
+from scenes import synthetic
+synthetic(5).save(sys.argv[1])
+assert "{needed}" in sys.modules
+assert "{other}" not in sys.modules"""
+    run(code, str(tmp_path / f"a{ending}"))
+
+
+def test_a_focus_waits_for_no_optimizer():
+    """A tenth of a second of every ``potmesil focus``."""
+    code = "import sys, potmesil_mi.focusing.api; print('scipy.optimize' in sys.modules)"
+    assert run(code) == "False\n"
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["dof"]])

@@ -34,7 +34,7 @@ RENDER_EXAMPLES = """
 examples:
   potmesil render scenes/figure11.xml -o figure11c.png
   potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
-  potmesil render kitchen.xml --f-number 2 --focus-distance 1.2 -o kitchen.png --samples kitchen.exr
+  potmesil render kitchen.xml --f-number 2 --focus-distance 1 -o near.png --samples kitchen.samples
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
 perspective, which has no lens, with the one that the options describe; the field of view stays. An
@@ -48,8 +48,9 @@ def render_options(command: argparse.ArgumentParser) -> str:
     add_output(command)
     add_scene(command)
     command.add_argument(
-        "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR"
-    )
+        "--samples", metavar="FILE",
+        help="keep the point samples in an archive, FILE.samples, or in a deep EXR, FILE.exr",
+    )  # fmt: skip
     add_sampling(command)
     add_lens(command)
     add_method(command)
@@ -93,15 +94,15 @@ def render(options: argparse.Namespace) -> None:
 
 FOCUS_EXAMPLES = """
 examples:
-  potmesil focus kitchen.exr --focus-distance 3.5 -o far.png
-  potmesil focus kitchen.exr --f-number 8 --method paper --tables 200 -o sharper.exr
-  potmesil focus kitchen.exr --filter star:points=6 --filter fade:amount=0.3 -o star.png
+  potmesil focus kitchen.samples --focus-distance 3.5 -o far.png
+  potmesil focus kitchen.samples --f-number 8 --method paper --tables 200 -o sharper.exr
+  potmesil focus kitchen.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
 """
 
 
 def focus_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil focus``; returns the examples."""
-    command.add_argument("samples", metavar="SAMPLES.exr", help="deep EXR of `render --samples`")
+    command.add_argument("samples", metavar="SAMPLES", help="file of `render --samples`")
     add_output(command)
     add_lens(command)
     add_method(command)
@@ -111,16 +112,23 @@ def focus_options(command: argparse.ArgumentParser) -> str:
 
 def refocus(options: argparse.Namespace) -> None:
     """``potmesil focus``: samples through another lens."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from ..filters.base import as_filters
-    from ..focusing.api import focus
     from ..samples.point_samples import PointSamples
 
     _check_outputs(options.output)
     _require_apart(options.samples, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
-    set_variant(options.variant)
-    samples = PointSamples.load(options.samples)
+    # The samples are read while Mitsuba starts and what takes longest to import is imported.
+    with ThreadPoolExecutor(1) as pool:
+        loading = pool.submit(PointSamples.load, options.samples)
+        set_variant(options.variant)
+        from ..focusing import layered  # noqa: F401
+        from ..focusing.api import focus
+
+        samples = loading.result()
     lens = samples.lens.replace(**given_lens(options))
     _write(focus(samples, lens, method=method, filters=filters), options.output)
 
@@ -268,7 +276,9 @@ def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
     for path in pictures:
         require_writable(path, PICTURES)
     if samples:
-        require_writable(samples, [".exr"])
+        from ..samples.files import ENDINGS
+
+        require_writable(samples, ENDINGS)
         _require_apart(samples, pictures)
 
 

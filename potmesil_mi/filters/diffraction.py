@@ -6,16 +6,17 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-import scipy.fft
-import scipy.sparse
 
 from .._validation import require_number, require_whole
 from ..optics.lens import ThinLens
 from .base import Filter
 from .spread import light_above, three_numbers, with_light_moved
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 GRID = 2048
 """Elements on a side of the transform of an aperture, what is around the aperture included."""
@@ -140,6 +141,8 @@ def far_field(transmission: Callable[[int], np.ndarray], reach: float) -> tuple[
     periods per radius of the aperture. ``reach`` is the number of pixels that a frequency of 1
     is from the middle: steps are half a pixel or finer where the pattern has detail.
     """
+    import scipy.fft
+
     across = int(np.clip(GRID / max(reach, 1e-9), LEAST_PUPIL, GRID // 2)) // 2 * 2
     pupil = np.asarray(transmission(across), dtype=np.float32)
     if pupil.shape != (across, across):
@@ -218,6 +221,8 @@ def _shares(last: int, step: float, first_pixel: int, last_pixel: int) -> scipy.
     Between elements a pattern is interpolated by R. Keys' cubic convolution (1981), which does not
     blur it as straight lines would.
     """
+    import scipy.sparse
+
     middle = np.arange(-last, last + 1) * step
     left = np.floor(middle - 2 * step + 0.5).astype(int)
     edges = left[:, None] + np.arange(math.ceil(4 * step) + 3) - 0.5

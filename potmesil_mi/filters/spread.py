@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from .._validation import require_number
-from ..optics.convolution import convolve_by_spectrum, kernel_spectrum, padded_shape
 from ..optics.lens import ThinLens
 from ..optics.summed_area import summed_area
 
@@ -34,6 +33,8 @@ def with_light_moved(picture: np.ndarray, light: np.ndarray, kernel: np.ndarray)
 
 def spread(picture: np.ndarray, kernel: np.ndarray) -> np.ndarray:
     """Convolution with a kernel (2K+1, 2L+1, C or 1), divided by what of it is in the picture."""
+    from ..optics.convolution import convolve_by_spectrum, kernel_spectrum, padded_shape
+
     height, width = picture.shape[:2]
     frame = padded_shape((height, width), kernel.shape[:2])
     result = np.empty_like(picture)

@@ -7,7 +7,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-import scipy.special
 
 from .._validation import require_number, require_whole
 from ..optics.lens import ThinLens
@@ -93,6 +92,8 @@ def _offsets(reach: int, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]
 
 def _ray(along: np.ndarray, length: float, sigma: float) -> np.ndarray:
     """Brightness along a ray of ``length`` pixels, its beginning as soft as its sides."""
+    import scipy.special  # not for the names of filters
+
     if length == 0:
         return np.exp(-0.5 * (along / sigma) ** 2)
     fall = np.clip(1 - along / length, 0, 1) ** 2

@@ -10,6 +10,9 @@ from ..optics.psf import PointSpreadFunction
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 
+FINE_SUBPIXELS = 4
+"""Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Exposure:

@@ -19,7 +19,7 @@ from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
-from .exposure import Exposure
+from .exposure import FINE_SUBPIXELS, Exposure
 from .film import FinePicture
 from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
@@ -43,9 +43,6 @@ CLOSED_RADIUS = 1e-9
 
 SMALL_AREA = 1 << 17
 """Pixels of a slice up to which ``layered`` takes more kernels."""
-
-FINE_SUBPIXELS = 4
-"""Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
 
 EXACT_KEPT_RADIUS = 16
 """Radius in pixels that circles keep on coarser rasters where visibility is exact."""

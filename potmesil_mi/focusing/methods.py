@@ -1,11 +1,15 @@
-"""Methods: how a picture is formed. One family of frozen dataclasses and of texts."""
+"""Methods: how a picture is formed. One family of frozen dataclasses and of texts.
+
+What forms it is imported then, so that the options of a method are known without waiting for
+Dr.Jit and SciPy.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -14,10 +18,11 @@ from .._validation import require_whole
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
-from . import equation20, layered
-from .exposure import Exposure
-from .film import FinePicture
+from .exposure import FINE_SUBPIXELS, Exposure
 from .memo import Memo
+
+if TYPE_CHECKING:
+    from .film import FinePicture
 
 MethodName = Literal["layered", "lightfield", "paper"]
 """The names of the package's own methods."""
@@ -42,7 +47,7 @@ CLOSE_SQUARES = 2
 CLOSE_LENS_POINTS = 64
 """Lens points of ``layered`` then."""
 
-FINE_SQUARES = layered.FINE_SUBPIXELS
+FINE_SQUARES = FINE_SUBPIXELS
 """Subpixels on a side of a pixel of ``lightfield`` in crowded scenes."""
 
 FINE_LENS_POINTS = 192
@@ -100,6 +105,8 @@ class _Visible(Method):
 
     def form(self, exposure: Exposure, memo: Memo) -> FinePicture:
         """See :meth:`Method.form`."""
+        from . import layered
+
         points = self.lens_points
         if points is None:
             least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
@@ -220,6 +227,8 @@ class Equation20(Method):
 
     def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`Method.form`; nothing is kept."""
+        from . import equation20
+
         return equation20.form(exposure, self.tables, bool(self.inverse_square))
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:

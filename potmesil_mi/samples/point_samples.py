@@ -19,8 +19,9 @@ from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
-from . import deep_exr
+from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
+from .header import Header
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -138,10 +139,11 @@ class PointSamples(Columns):
         What a ray sees behind half-transparent things are several samples, of one position.
         """
         own = self.crop_window.shows(self.x, self.y, self.window) & (self.layer == 0)
-        x, y, weight = self.x[own], self.y[own], self.weight[own]
-        count = len(x)
+        weight = self.weight[own]
+        count = len(weight)
         if count > 0 and weight.min() < weight.max():
-            places = x.view(np.uint32).astype(np.uint64) << np.uint64(32) | y.view(np.uint32)
+            x, y = self.x[own].view(np.uint32), self.y[own].view(np.uint32)
+            places = x.astype(np.uint64) << np.uint64(32) | y
             count = len(np.unique(places))
         return count // self.crop_window.size
 
@@ -152,9 +154,9 @@ class PointSamples(Columns):
         Hidden twins do not count, whose like is visible, nor what is seen in windows from elsewhere
         in the lens, which is known of it.
         """
-        weight = self.weight.astype(np.float64)
-        hidden = weight[(self.layer > 0) & (self.layer < TWINS)].sum()
-        visible = weight[self.layer == 0].sum()
+        behind = (self.layer > 0) & (self.layer < TWINS)
+        hidden = self.weight[behind].sum(dtype=np.float64)
+        visible = self.weight[self.layer == 0].sum(dtype=np.float64)
         return float(hidden / visible) if visible > 0 else 0.0
 
     @property
@@ -296,12 +298,16 @@ class PointSamples(Columns):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a deep EXR, whose name must end in ``.exr``: see ``samples/deep_exr.py``.
+        """Write a file, in the format that the ending of its name stands for.
+
+        ``.samples`` is an archive of compressed columns: it keeps all bit for bit and in order, and
+        is many times as fast. ``.exr`` is a deep EXR for other programs: by pixel, nearest first,
+        and colours are rounded. See ``samples/archive.py`` and ``samples/deep_exr.py``.
 
         Raises ``ValueError`` for another name, and for a camera or a lens that :meth:`load`
         would not take; ``OSError`` where the file cannot be written. Then nothing is left behind.
         """
-        header = deep_exr.Header(
+        header = Header(
             self.camera,
             self.lens,
             self.window,
@@ -309,18 +315,19 @@ class PointSamples(Columns):
             self.lattice,
             self.visibility_radius,
         )
-        deep_exr.write(path, header, self)
+        files.write(path, header, self)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> PointSamples:
-        """Read a deep EXR that :meth:`save` wrote. What is in the file is not trusted.
+        """Read a file that :meth:`save` wrote. What is in it is not trusted.
 
-        Raises ``FileNotFoundError`` or another ``OSError`` where there is none or it cannot be
-        read, and ``ValueError`` for a file that is not EXR, is truncated or damaged, takes far
-        more memory than its size lets one expect, or does not hold the samples of this package.
-        Each names the file.
+        A name that does not end in ``.samples`` is taken for a deep EXR. Raises
+        ``FileNotFoundError`` or another ``OSError`` where there is none or it cannot be read, and
+        ``ValueError`` for a file that is not of its format, is truncated or damaged, takes far more
+        memory than its size lets one expect, or does not hold the samples of this package. Each
+        names the file.
         """
-        header, columns = deep_exr.read(path)
+        header, columns = files.read(path)
         return PointSamples(
             **vars(columns),
             camera=header.camera,

@@ -105,9 +105,17 @@ def test_definitions_and_options_change_the_picture(tmp_path):
     assert 0 < np.sqrt(np.mean((grid - focused) ** 2)) < 0.1
 
 
-@pytest.mark.parametrize("method", [None, "layered", "lightfield", "paper"])
-def test_kept_samples_are_refocused(tmp_path, method):
-    samples, path = tmp_path / "samples.exr", tmp_path / "far.exr"
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [
+        (None, "a.samples"),
+        ("layered", "samples.exr"),
+        ("lightfield", "a.samples"),
+        ("paper", "samples.exr"),
+    ],
+)
+def test_kept_samples_are_refocused(tmp_path, method, name):
+    samples, path = tmp_path / name, tmp_path / "far.exr"
     first = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.exr"), "--samples", str(samples)]
     assert cli.main(first) == 0
     refocus = ["focus", str(samples), "--focus-distance", "980", "--f-number", "2", "-o", str(path)]
@@ -214,7 +222,7 @@ def test_dof_prints_any_lens_in_scene_units(capsys):
         (["render", FIGURE, "-o", "{}/no/a.png"], "there is no folder"),
         (
             ["render", FIGURE, "-o", "{}/a.png", "--samples", "{}/a.png"],
-            r"end in one of \.exr",
+            r"end in one of \.exr, \.samples",
         ),
         (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--f-number", "0"], "f_number=0"),
         (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--focus-distance", "50"], "focus_distance"),
@@ -222,6 +230,7 @@ def test_dof_prints_any_lens_in_scene_units(capsys):
         (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--sensor", "5"], "sensor=5"),
         (["render", FIGURE, "-D", "colour=red", "-o", "{}/a.png"], "colour"),
         (["focus", "nothing.exr", "-o", "{}/a.png"], "nothing.exr"),
+        (["focus", "nothing.samples", "-o", "{}/a.png"], r"nothing\.samples: there is no such"),
         (["focus", FIGURE, "-o", "{}/a.png"], "is not an EXR"),
         (["dof", "--f-number", "-1"], "f_number=-1"),
         (["render", FIGURE, *SMALL, "-m", "llvm_rgb", "-o", "{}/a.png"], "llvm_rgb"),
