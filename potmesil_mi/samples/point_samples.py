@@ -45,6 +45,8 @@ class Changes(TypedDict, total=False):
     layer: np.ndarray | None
     through: np.ndarray | None
     visibility: np.ndarray | None
+    albedo: np.ndarray | None
+    normal: np.ndarray | None
     visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
@@ -81,6 +83,13 @@ class PointSamples(Columns):
                                   point i of ``visibility_points``; 0 where a focus is to find
                                   it out from the other samples; ``None`` (default) where that
                                   is all
+    ``albedo``                    float32 (N, 3), diffuse reflectance of what is seen, in linear
+                                  sRGB, 0 to 1; 1 of what does not reflect diffusely; 0 of lamps,
+                                  of the sky, of media and veils; ``None`` (default) where it
+                                  was not kept
+    ``normal``                    float32 (N, 3), its shading normal in the world; 0 where
+                                  ``albedo`` is for lamps and the like; ``None`` (default) where
+                                  it was not kept
     ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
                                   ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
@@ -291,6 +300,8 @@ class PointSamples(Columns):
             layer=self.layer[order][first],
             through=None if self.through is None else mean(self.through),
             visibility=None if self.visibility is None else self.visibility[order][first],
+            albedo=None if self.albedo is None else mean(self.albedo),
+            normal=None if self.normal is None else mean(self.normal),
             weight=total,
         )
 

@@ -49,6 +49,10 @@ class Sampling:
                                   serve; by default that of the lens at hand
     ``virtual_depth``             depth of what is seen in mirrors and through glass is that of
                                   its image (default), not that of the mirror or glass
+    ``features``                  albedo and normal of each sample are kept, with which
+                                  :meth:`potmesil_mi.PointSamples.denoised` tells detail from noise
+                                  (default: no); what is seen in mirrors and through glass has
+                                  its own, with ``virtual_depth``
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
@@ -62,6 +66,7 @@ class Sampling:
     overscan: int | None = None
     min_f_number: float | None = None
     virtual_depth: bool = True
+    features: bool = False
 
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
@@ -78,5 +83,7 @@ class Sampling:
             raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
         if self.min_f_number is not None and not self.min_f_number > 0:
             raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
-        if not isinstance(self.virtual_depth, (bool, np.bool_)):
-            raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
+        for name in ("virtual_depth", "features"):
+            value = getattr(self, name)
+            if not isinstance(value, (bool, np.bool_)):
+                raise TypeError(f"{name}={value!r}: must be True or False")
