@@ -24,6 +24,7 @@ SAMPLING_OPTIONS = {
     "overscan": "beyond each side (default: as far as circles of confusion reach)",
     "min_f_number": "widest aperture that the samples must serve (default: the lens's)",
     "virtual_depth": "images in mirrors and glass have their own depth (default: yes)",
+    "features": "samples keep albedo and normal, to be denoised later (default: as --denoise says)",
 }
 """Help of the options that are fields of ``Sampling``."""
 
@@ -129,6 +130,15 @@ def add_method(command: argparse.ArgumentParser) -> None:
 
     group = command.add_argument_group("focus stage")
     _add_parameters(group, get_type_hints(method_of), METHOD_OPTIONS)
+
+
+def add_denoise(command: argparse.ArgumentParser, default: str) -> None:
+    """Add the option that denoises samples, which does so by ``default`` as that says."""
+    command.add_argument(
+        "--denoise", action=argparse.BooleanOptionalAction,
+        help=f"denoise the samples before they are focused (default: {default}); needs pip install "
+        "'potmesil_mi[denoise]'",
+    )  # fmt: skip
 
 
 def add_filter(command: argparse.ArgumentParser) -> None:

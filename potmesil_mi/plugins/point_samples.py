@@ -70,6 +70,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - |bool|
        - Depth of what is seen in mirrors and through glass is that of its image.
          (Default: true)
+     * - features
+       - |bool|
+       - Samples keep albedo and normal, for a denoiser. Not in the film's channels.
+         (Default: false)
     """
 
     plugin = "point_samples"

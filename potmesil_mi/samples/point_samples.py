@@ -102,8 +102,8 @@ class PointSamples(Columns):
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
-    not positive, or with ``through`` not finite or < 0 are dropped, with a ``RuntimeWarning`` that
-    counts them. Raises ``ValueError`` for columns of unequal length or wrong shape, for a window of
+    not positive, with ``through`` not finite or < 0, with an albedo that is not 0 to 1 or a normal
+    longer than 1 are dropped, with a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for columns of unequal length or wrong shape, for a window of
     less than one pixel, for ``visibility`` without the lens's half-widths or these without it, and
     where no sample is left, ``TypeError`` for a window of other than whole numbers.
     """
@@ -128,7 +128,8 @@ class PointSamples(Columns):
                 object.__setattr__(self, field.name, getattr(self, field.name)[valid])
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
-                "weight not finite, depth or weight not > 0, or through not finite or < 0",
+                "weight not finite, depth or weight not > 0, through not finite or < 0, albedo not "
+                "0 to 1, or a normal longer than 1",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -304,6 +305,26 @@ class PointSamples(Columns):
             normal=None if self.normal is None else mean(self.normal),
             weight=total,
         )
+
+    def denoised(self) -> PointSamples:
+        """Samples with less noise in their radiance, for the price of a little bias.
+
+        Needs ``albedo`` and ``normal``, which ``Sampling(features=True)`` keeps, and the extra
+        ``denoise``: Intel's Open Image Denoise. It works on the irradiance, for each surface in a
+        pixel by itself, hidden ones and overscan included, so that nothing is smeared over edges
+        and textures keep their detail. Lamps, the sky, media and veils stay as they are, and so do
+        alpha and depth. Where samples have little noise beside the bias of the denoiser they are
+        mixed with what it makes of them, by estimates of both: see ``samples/denoising.py``.
+        Very bright samples that stand alone count as noise, and their light is spread or lost;
+        where the mean of a pixel is negative it becomes 0.
+
+        Denoise once, before :meth:`merge`, which leaves too few samples to tell their noise.
+        Raises ``ValueError`` for samples without ``albedo`` or ``normal``, ``ImportError`` without
+        the extra.
+        """
+        from .denoising import denoised_radiance
+
+        return self.replace(rgb=denoised_radiance(self))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a deep EXR, whose name must end in ``.exr``: see ``samples/deep_exr.py``.

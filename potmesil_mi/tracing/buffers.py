@@ -11,7 +11,6 @@ import numpy as np
 
 from ..samples.columns import COLUMNS, Columns
 
-
 SCHEMA = {field.name: field for field in COLUMNS}
 """The schema of the columns by their names."""
 

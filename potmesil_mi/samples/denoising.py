@@ -1,0 +1,287 @@
+"""Denoising of point samples, before the lens: Intel's Open Image Denoise on images of irradiance.
+
+The denoiser works on images, and samples of one pixel may show several surfaces. So the samples of
+a pixel that show one surface are a *group*, be they visible or hidden, and an image shows one group
+in each pixel. The first image shows what is seen most of. Each further one shows, where there is
+one, the next group of the pixel, and around it what the first shows: at an edge a surface goes on
+by a pixel, and hidden surfaces have around them what is visible.
+
+What is denoised is the irradiance: radiance over albedo, as a ratio of sums over the group, so that
+textures are not in it. Its normals tell edges. Samples then have the denoised irradiance times
+their own albedo.
+
+A denoiser is biased. Between samples and what it makes of them stand two weights for each group,
+both of estimates that are averaged over a few pixels around (``REACH``):
+
+- ``own``: of the mean of the group. Its variance V is that of its samples over their number, and
+  its mean squared difference to what is denoised is D. What D is more than V is the denoiser's
+  bias; ``own`` is (D - V) / D, as James and Stein weigh, and 0 where D is less than V.
+- ``detail``: of what varies within the group, as the shading of something thin does. If that is
+  noise it shows between pixels, too, and V is no more than about D, or twice that where a sampler
+  is stratified. It is kept from there on: ``detail`` is 1 - D / (V ``NOISE``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.ndimage
+
+from .._progress import track
+from .columns import Columns
+from .raster import Window
+
+if TYPE_CHECKING:
+    from .point_samples import PointSamples
+
+LEAST_ALBEDO = 0.01
+"""What is darker counts as that: what glossy things reflect beside their albedo is divided by it."""
+
+REACH = 2.0
+"""Standard deviation, in pixels, of the Gaussian over which variances and differences are averaged:
+some fifty pixels."""
+
+NOISE = 0.5
+"""Share of the variance within pixels that noise shows between them, at least."""
+
+MOST_SURFACES = 6
+"""Surfaces of a pixel, behind and beside each other, that are denoised; any more are left alone."""
+
+DARKEST = 1e-3
+"""Irradiance that differences are relative to at least, to the root mean square of the image's."""
+
+TINY = 1e-30
+"""Less than any variance, and not 0."""
+
+LABEL = "Denoising"
+"""What is said of the progress."""
+
+
+def require_extra() -> ModuleType:
+    """The denoiser. Raises ``ImportError`` that says how to install it."""
+    try:
+        import mitsuba_oidn
+    except ImportError as error:
+        raise ImportError(
+            f"denoising needs mitsuba-oidn: pip install 'potmesil_mi[denoise]' ({error})"
+        ) from error
+    module: ModuleType = mitsuba_oidn
+    return module
+
+
+def denoised_radiance(samples: PointSamples) -> np.ndarray:
+    """The radiance of ``samples`` without most of its noise, float32 (N, 3).
+
+    See :meth:`potmesil_mi.PointSamples.denoised`.
+    """
+    if samples.albedo is None or samples.normal is None:
+        raise ValueError(
+            "albedo, normal: the samples have none and cannot be denoised; render them with "
+            "sampling=Sampling(features=True)"
+        )
+    oidn = require_extra()
+    albedo = np.maximum(samples.albedo, LEAST_ALBEDO)
+    albedo[~_has_surface(samples)] = 1
+    groups = Groups.of(samples, samples.pixel(), albedo)
+    blend = Blend.left_alone(groups)
+    for shown, new in track(list(_images(groups, samples.window)), LABEL):
+        blend.put(_denoised(oidn, groups, shown, samples.window), groups, shown, new)
+    return blend.radiance(groups, samples.rgb, albedo)
+
+
+def _has_surface(columns: Columns) -> np.ndarray:
+    """Which samples show a surface that can be denoised, bool (N,): not the sky, lamps or media."""
+    assert columns.normal is not None
+    return columns.normal.any(axis=1)
+
+
+# ---------------------------------------------------------------- groups
+
+
+@dataclasses.dataclass(frozen=True)
+class Groups:
+    """G groups of samples: those of a pixel that show the same surface.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``number``                    int64 (N,), which of them each sample belongs to
+    ``pixel``                     int64 (G,), its pixel in the window of the samples
+    ``seen``, ``weight``          float64 (G,), sum of the weights of its visible samples, and of
+                                  all of them
+    ``irradiance``                float64 (G, 3), sum of their radiance over that of their albedo
+    ``variance``                  float64 (G,), of that ratio, as samples of independent noise
+                                  have it, summed over R, G and B; NaN for a single sample
+    ``normal``                    float64 (G, 3), mean normal
+    ``is_known``                  bool (G,), whether it can be denoised
+    ============================  ==========================================================
+    """
+
+    number: np.ndarray
+    pixel: np.ndarray
+    seen: np.ndarray
+    weight: np.ndarray
+    irradiance: np.ndarray
+    variance: np.ndarray
+    normal: np.ndarray
+    is_known: np.ndarray
+
+    @classmethod
+    def of(cls, columns: Columns, pixel: np.ndarray, albedo: np.ndarray) -> Groups:
+        """The groups of samples in pixels, int64 (N,), with an ``albedo`` > 0, (N, 3)."""
+        assert columns.normal is not None
+        known = _has_surface(columns)
+        of, first = _numbered(columns, pixel, known)
+        count, weight = len(first), columns.weight.astype(np.float64)
+
+        def summed(values: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
+            sums = [np.bincount(of, weight * column, count) for column in values.T]
+            return np.stack(sums, axis=1)
+
+        total, size = np.bincount(of, weight, count), np.bincount(of, minlength=count)
+        reflected = summed(albedo)
+        irradiance = summed(columns.rgb) / reflected
+        apart = columns.rgb - albedo * irradiance[of]
+        variance = (summed(np.square(apart), np.square(weight)) / np.square(reflected)).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance *= np.where(size > 1, size / (size - 1), np.nan)
+        return cls(
+            number=of,
+            pixel=pixel[first],
+            seen=np.bincount(of, weight * (columns.layer == 0), count),
+            weight=total,
+            irradiance=irradiance,
+            variance=variance,
+            normal=summed(columns.normal) / total[:, None],
+            is_known=known[first],
+        )
+
+
+def _numbered(
+    columns: Columns, pixel: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the group of each sample, int64 (N,), and the first sample of each group."""
+    surfaces, surface = np.unique(columns.surface, return_inverse=True)
+    key = pixel * len(surfaces) + surface
+    # A thing and its image in a mirror are apart, and so is a lamp's back from its front.
+    images = np.zeros(len(key), bool) if columns.through is None else columns.through > 0
+    key = (key * 2 + images) * 2 + known
+    order = np.argsort(key, kind="stable")
+    begins = np.diff(key[order], prepend=-1) != 0
+    of = np.empty_like(order)
+    of[order] = np.cumsum(begins) - 1
+    return of, order[begins]
+
+
+# ---------------------------------------------------------------- images
+
+
+def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Images that together show the groups: the group in each pixel, int64 (H, W), and the new ones.
+
+    A pixel that has no sample shows what the nearest one does.
+    """
+    order = np.lexsort([-groups.weight, -groups.seen, groups.pixel])
+    pixel = groups.pixel[order]
+    begins = np.diff(pixel, prepend=-1) != 0
+    place = np.arange(len(pixel))
+    place -= np.maximum.accumulate(np.where(begins, place, 0))
+    first = np.full(window.size, -1)
+    first[pixel[begins]] = order[begins]
+    first = first.reshape(window.shape)
+    if (first < 0).any():
+        nearest = scipy.ndimage.distance_transform_edt(
+            first < 0, return_distances=False, return_indices=True
+        )
+        first = first[tuple(nearest)]
+    for number in range(min(int(place.max()) + 1, MOST_SURFACES)):
+        new = order[place == number]
+        shown = first.copy()
+        shown.ravel()[groups.pixel[new]] = new
+        if groups.is_known[new].any():
+            yield shown, new
+
+
+def _denoised(oidn: ModuleType, groups: Groups, shown: np.ndarray, window: Window) -> np.ndarray:
+    """The denoised irradiance of the groups that an image shows, float64 (H, W, 3)."""
+    colour, normal = (
+        np.ascontiguousarray(values[shown], np.float32)
+        for values in (groups.irradiance, groups.normal)
+    )
+    # The denoiser takes normals only beside an albedo: the irradiance has that of white things.
+    white = np.ones((*window.shape, 3), np.float32)
+    result = oidn.denoise(colour, white, normal, hdr=True, clean_aux=True)
+    return np.asarray(result).astype(np.float64)
+
+
+# ---------------------------------------------------------------- what is denoised and what is left
+
+
+@dataclasses.dataclass(frozen=True)
+class Blend:
+    """What becomes of each of G groups; the head of this file says how the weights are found.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``irradiance``                float64 (G, 3), denoised
+    ``own``                       float64 (G,), weight of the mean of the group's samples, 0 to 1
+    ``detail``                    float64 (G,), weight of what each sample differs by from that
+    ============================  ==========================================================
+    """
+
+    irradiance: np.ndarray
+    own: np.ndarray
+    detail: np.ndarray
+
+    @classmethod
+    def left_alone(cls, groups: Groups) -> Blend:
+        """All as it is."""
+        ones = np.ones(len(groups.pixel))
+        return cls(groups.irradiance.copy(), ones, ones.copy())
+
+    def put(self, denoised: np.ndarray, groups: Groups, shown: np.ndarray, new: np.ndarray) -> None:
+        """Blend in what is ``denoised``, (H, W, 3), for the groups ``new`` of those ``shown``."""
+        new = new[groups.is_known[new]]
+        difference, variance = _around(denoised, groups, shown)
+        bias = np.maximum(difference - variance, 0)
+        own = bias / np.maximum(bias + variance, TINY)
+        detail = 1 - np.minimum(difference / np.maximum(variance * NOISE, TINY), 1)
+        pixel = groups.pixel[new]
+        self.irradiance[new] = denoised.reshape(-1, 3)[pixel]
+        self.own[new] = own.ravel()[pixel]
+        self.detail[new] = np.maximum(own, detail).ravel()[pixel]
+
+    def radiance(self, groups: Groups, rgb: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+        """The radiance of samples, float32 (N, 3), that had ``rgb`` and have an ``albedo``."""
+        own, detail = self.own[:, None], self.detail[:, None]
+        mean = (1 - own) * self.irradiance + own * groups.irradiance
+        # rgb is albedo times the irradiance of its group, and the rest, of which a part is kept.
+        result = (mean - detail * groups.irradiance)[groups.number] * albedo
+        result += detail[groups.number] * rgb
+        kept = (own == 1).ravel()[groups.number]
+        result[kept] = rgb[kept]
+        return result.astype(np.float32)
+
+
+def _around(
+    denoised: np.ndarray, groups: Groups, shown: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean squared difference to what is ``denoised``, and variance, around each pixel, (H, W).
+
+    Both are relative to the irradiance, so that dark surfaces count beside bright ones.
+    """
+    scale = np.square(denoised).sum(axis=2)
+    scale += np.square(DARKEST) * scale.mean() + TINY
+    difference = np.square(groups.irradiance[shown] - denoised).sum(axis=2) / scale
+    variance = groups.variance[shown] / scale
+    counts = np.isfinite(variance) & groups.is_known[shown]
+    difference, variance = (
+        scipy.ndimage.gaussian_filter(np.where(counts, values, 0), REACH)
+        for values in (difference, variance)
+    )
+    return difference, variance
