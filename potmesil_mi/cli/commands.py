@@ -50,8 +50,8 @@ def render_options(command: argparse.ArgumentParser) -> str:
     add_output(command)
     add_scene(command)
     command.add_argument(
-        "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR; with --denoise "
-        "as they were rendered, so that `focus --denoise` denoises them"
+        "--samples", metavar="FILE.exr", help="keep the point samples in a deep EXR; with "
+        "--denoise as they were rendered, so that `focus --denoise` denoises them"
     )  # fmt: skip
     add_denoise(command, "what the scene's integrator says")
     add_sampling(command)

@@ -39,7 +39,7 @@ def method_from(props: mi.Properties) -> Method:
 
 def denoise_from(props: mi.Properties) -> bool:
     """Whether samples are denoised. Raises ``TypeError`` for other than true or false."""
-    value = props["denoise"] if "denoise" in props else False
+    value = props.get("denoise", False)
     if not isinstance(value, bool):
         raise TypeError(f"denoise={value!r}: must be true or false")
     return value

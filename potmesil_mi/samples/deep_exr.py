@@ -74,10 +74,7 @@ _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
 _LAYER = "potmesil.layer"
 _THROUGH = "potmesil.through"
 _VISIBILITY = ("potmesil.visibility0", "potmesil.visibility1")
-_FEATURES = {
-    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
-    "normal": ("N.X", "N.Y", "N.Z"),
-}
+_FEATURES = {"albedo": ("albedo.R", "albedo.G", "albedo.B"), "normal": ("N.X", "N.Y", "N.Z")}
 """Channels of columns for denoisers, by the names that renderers commonly give them."""
 
 

@@ -7,15 +7,16 @@ one, the next group of the pixel, and around it what the first shows: at an edge
 by a pixel, and hidden surfaces have around them what is visible.
 
 What is denoised is the irradiance: radiance over albedo, as a ratio of sums over the group, so that
-textures are not in it. Its normals tell edges. Samples then have the denoised irradiance times
+textures are not in it. Normals tell edges, and a grey for each surface those between parallel ones.
+Samples then have the denoised irradiance times
 their own albedo.
 
 A denoiser is biased. Between samples and what it makes of them stand two weights for each group,
 both of estimates that are averaged over a few pixels around (``REACH``):
 
 - ``own``: of the mean of the group. Its variance V is that of its samples over their number, and
-  its mean squared difference to what is denoised is D. What D is more than V is the denoiser's
-  bias; ``own`` is (D - V) / D, as James and Stein weigh, and 0 where D is less than V.
+  its mean squared difference to what is denoised is D. What D is more than V, and more than it may
+  be by chance, is the denoiser's bias B; ``own`` is B / (B + V), as James and Stein weigh.
 - ``detail``: of what varies within the group, as the shading of something thin does. If that is
   noise it shows between pixels, too, and V is no more than about D, or twice that where a sampler
   is stratified. It is kept from there on: ``detail`` is 1 - D / (V ``NOISE``).
@@ -26,7 +27,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.ndimage
@@ -35,15 +35,15 @@ from .._progress import track
 from .columns import Columns
 from .raster import Window
 
-if TYPE_CHECKING:
-    from .point_samples import PointSamples
-
 LEAST_ALBEDO = 0.01
-"""What is darker counts as that: what glossy things reflect beside their albedo is divided by it."""
+"""What is darker counts as that: radiance is divided by it, and glossy things reflect more."""
 
 REACH = 2.0
 """Standard deviation, in pixels, of the Gaussian over which variances and differences are averaged:
 some fifty pixels."""
+
+SURE = 1.0
+"""Standard errors by which what is taken for bias is more than the variance."""
 
 NOISE = 0.5
 """Share of the variance within pixels that noise shows between them, at least."""
@@ -53,6 +53,8 @@ MOST_SURFACES = 6
 
 DARKEST = 1e-3
 """Irradiance that differences are relative to at least, to the root mean square of the image's."""
+
+GOLDEN_SECTION = (5**0.5 - 1) / 2
 
 TINY = 1e-30
 """Less than any variance, and not 0."""
@@ -73,8 +75,8 @@ def require_extra() -> ModuleType:
     return module
 
 
-def denoised_radiance(samples: PointSamples) -> np.ndarray:
-    """The radiance of ``samples`` without most of its noise, float32 (N, 3).
+def denoised_radiance(samples: Columns, window: Window) -> np.ndarray:
+    """The radiance of ``samples`` of a window without most of its noise, float32 (N, 3).
 
     See :meth:`potmesil_mi.PointSamples.denoised`.
     """
@@ -86,17 +88,17 @@ def denoised_radiance(samples: PointSamples) -> np.ndarray:
     oidn = require_extra()
     albedo = np.maximum(samples.albedo, LEAST_ALBEDO)
     albedo[~_has_surface(samples)] = 1
-    groups = Groups.of(samples, samples.pixel(), albedo)
+    groups = Groups.of(samples, window.pixel_of(samples.x, samples.y), albedo)
     blend = Blend.left_alone(groups)
-    for shown, new in track(list(_images(groups, samples.window)), LABEL):
-        blend.put(_denoised(oidn, groups, shown, samples.window), groups, shown, new)
+    for shown, new in track(list(_images(groups, window)), LABEL):
+        blend.put(_denoised(oidn, groups, shown), groups, shown, new)
     return blend.radiance(groups, samples.rgb, albedo)
 
 
 def _has_surface(columns: Columns) -> np.ndarray:
     """Which samples show a surface that can be denoised, bool (N,): not the sky, lamps or media."""
     assert columns.normal is not None
-    return columns.normal.any(axis=1)
+    return np.asarray(columns.normal.any(axis=1))
 
 
 # ---------------------------------------------------------------- groups
@@ -117,6 +119,8 @@ class Groups:
     ``variance``                  float64 (G,), of that ratio, as samples of independent noise
                                   have it, summed over R, G and B; NaN for a single sample
     ``normal``                    float64 (G, 3), mean normal
+    ``grey``                      float64 (G, 3), what stands for its albedo, which is not in its
+                                  irradiance: a grey that its neighbours do not have
     ``is_known``                  bool (G,), whether it can be denoised
     ============================  ==========================================================
     """
@@ -128,6 +132,7 @@ class Groups:
     irradiance: np.ndarray
     variance: np.ndarray
     normal: np.ndarray
+    grey: np.ndarray
     is_known: np.ndarray
 
     @classmethod
@@ -157,8 +162,14 @@ class Groups:
             irradiance=irradiance,
             variance=variance,
             normal=summed(columns.normal) / total[:, None],
+            grey=np.repeat(_greys(columns.surface[first])[:, None], 3, axis=1),
             is_known=known[first],
         )
+
+
+def _greys(surface: np.ndarray) -> np.ndarray:
+    """A grey of its own for each id, from 1/2 to 1, far from those of the next ones."""
+    return 1 - (surface * GOLDEN_SECTION) % 1 / 2
 
 
 def _numbered(
@@ -181,7 +192,7 @@ def _numbered(
 
 
 def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Images that together show the groups: the group in each pixel, int64 (H, W), and the new ones.
+    """Images that show all groups: the group in each pixel, int64 (H, W), and those that are new.
 
     A pixel that has no sample shows what the nearest one does.
     """
@@ -190,9 +201,8 @@ def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.nda
     begins = np.diff(pixel, prepend=-1) != 0
     place = np.arange(len(pixel))
     place -= np.maximum.accumulate(np.where(begins, place, 0))
-    first = np.full(window.size, -1)
-    first[pixel[begins]] = order[begins]
-    first = first.reshape(window.shape)
+    first = np.full(window.shape, -1)
+    first.ravel()[pixel[begins]] = order[begins]
     if (first < 0).any():
         nearest = scipy.ndimage.distance_transform_edt(
             first < 0, return_distances=False, return_indices=True
@@ -206,15 +216,13 @@ def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.nda
             yield shown, new
 
 
-def _denoised(oidn: ModuleType, groups: Groups, shown: np.ndarray, window: Window) -> np.ndarray:
+def _denoised(oidn: ModuleType, groups: Groups, shown: np.ndarray) -> np.ndarray:
     """The denoised irradiance of the groups that an image shows, float64 (H, W, 3)."""
-    colour, normal = (
+    colour, albedo, normal = (
         np.ascontiguousarray(values[shown], np.float32)
-        for values in (groups.irradiance, groups.normal)
+        for values in (groups.irradiance, groups.grey, groups.normal)
     )
-    # The denoiser takes normals only beside an albedo: the irradiance has that of white things.
-    white = np.ones((*window.shape, 3), np.float32)
-    result = oidn.denoise(colour, white, normal, hdr=True, clean_aux=True)
+    result = oidn.denoise(colour, albedo, normal, hdr=True, clean_aux=True)
     return np.asarray(result).astype(np.float64)
 
 
@@ -247,8 +255,7 @@ class Blend:
     def put(self, denoised: np.ndarray, groups: Groups, shown: np.ndarray, new: np.ndarray) -> None:
         """Blend in what is ``denoised``, (H, W, 3), for the groups ``new`` of those ``shown``."""
         new = new[groups.is_known[new]]
-        difference, variance = _around(denoised, groups, shown)
-        bias = np.maximum(difference - variance, 0)
+        difference, variance, bias = _around(denoised, groups, shown)
         own = bias / np.maximum(bias + variance, TINY)
         detail = 1 - np.minimum(difference / np.maximum(variance * NOISE, TINY), 1)
         pixel = groups.pixel[new]
@@ -270,18 +277,21 @@ class Blend:
 
 def _around(
     denoised: np.ndarray, groups: Groups, shown: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean squared difference to what is ``denoised``, and variance, around each pixel, (H, W).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean squared difference to what is ``denoised``, variance, and bias around pixels, (H, W).
 
-    Both are relative to the irradiance, so that dark surfaces count beside bright ones.
+    They are relative to the irradiance, so that dark surfaces count beside bright ones.
     """
     scale = np.square(denoised).sum(axis=2)
     scale += np.square(DARKEST) * scale.mean() + TINY
     difference = np.square(groups.irradiance[shown] - denoised).sum(axis=2) / scale
     variance = groups.variance[shown] / scale
     counts = np.isfinite(variance) & groups.is_known[shown]
-    difference, variance = (
-        scipy.ndimage.gaussian_filter(np.where(counts, values, 0), REACH)
-        for values in (difference, variance)
+    difference, variance = (np.where(counts, values, 0) for values in (difference, variance))
+    excess = difference - variance
+    mean, square, difference, variance = (
+        scipy.ndimage.gaussian_filter(values, REACH)
+        for values in (excess, np.square(excess), difference, variance)
     )
-    return difference, variance
+    error = np.sqrt(np.maximum(square - np.square(mean), 0) / (4 * np.pi * np.square(REACH)))
+    return difference, variance, np.maximum(mean - SURE * error, 0)

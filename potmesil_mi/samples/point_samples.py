@@ -103,9 +103,10 @@ class PointSamples(Columns):
 
     Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
     not positive, with ``through`` not finite or < 0, with an albedo that is not 0 to 1 or a normal
-    longer than 1 are dropped, with a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for columns of unequal length or wrong shape, for a window of
-    less than one pixel, for ``visibility`` without the lens's half-widths or these without it, and
-    where no sample is left, ``TypeError`` for a window of other than whole numbers.
+    longer than 1 are dropped, with a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
+    columns of unequal length or wrong shape, for a window of less than one pixel, for
+    ``visibility`` without the lens's half-widths or these without it, and where no sample is left,
+    ``TypeError`` for a window of other than whole numbers.
     """
 
     camera: Camera
@@ -324,7 +325,7 @@ class PointSamples(Columns):
         """
         from .denoising import denoised_radiance
 
-        return self.replace(rgb=denoised_radiance(self))
+        return self.replace(rgb=denoised_radiance(self, self.window))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a deep EXR, whose name must end in ``.exr``: see ``samples/deep_exr.py``.

@@ -51,7 +51,7 @@ def _reflectance(bsdf: mi.BSDFPtr, hit: mi.SurfaceInteraction3f, active: mi.Bool
     """Diffuse reflectance in R, G and B, as Mitsuba estimates it, but no more than 1."""
     if mi.is_spectral:
         hit = mi.SurfaceInteraction3f(hit)
-        hit.wavelengths = mi.Wavelength(*WAVELENGTHS, WAVELENGTHS[1])
+        hit.wavelengths = type(hit.wavelengths)(*WAVELENGTHS, WAVELENGTHS[1])
     reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(hit, active))
     if mi.is_monochromatic:
         rgb = mi.Color3f(reflectance[0])
