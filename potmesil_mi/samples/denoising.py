@@ -2,14 +2,14 @@
 
 The denoiser works on images, and samples of one pixel may show several surfaces. So the samples of
 a pixel that show one surface are a *group*, be they visible or hidden, and an image shows one group
-in each pixel. The first image shows what is seen most of. Each further one shows, where there is
-one, the next group of the pixel, and around it what the first shows: at an edge a surface goes on
-by a pixel, and hidden surfaces have around them what is visible.
+in each pixel. The first image shows what is seen most of. A group that it does not show gets what
+is denoised of its surface in the pixels beside its own, so that nothing is carried over an edge.
+What is seen most of nowhere near, such as a hidden thing, is shown by further images, and around it
+what the first shows.
 
 What is denoised is the irradiance: radiance over albedo, as a ratio of sums over the group, so that
 textures are not in it. Normals tell edges, and a grey for each surface those between parallel ones.
-Samples then have the denoised irradiance times
-their own albedo.
+Samples then have the denoised irradiance times their own albedo.
 
 A denoiser is biased. Between samples and what it makes of them stand two weights for each group,
 both of estimates that are averaged over a few pixels around (``REACH``):
@@ -25,6 +25,7 @@ both of estimates that are averaged over a few pixels around (``REACH``):
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -53,6 +54,17 @@ MOST_SURFACES = 6
 
 DARKEST = 1e-3
 """Irradiance that differences are relative to at least, to the root mean square of the image's."""
+
+BESIDE = 2
+"""Pixels in each direction in which the surface of a group is looked for that is not seen most of
+in its own."""
+
+SHARPNESS = 16
+"""Power of the cosine between normals: surfaces that face elsewhere have another irradiance."""
+
+LEAST_ALIKE = 0.05
+"""Weight of neighbours, of which one beside the pixel that faces the same way has 0.6, that is
+enough."""
 
 GOLDEN_SECTION = (5**0.5 - 1) / 2
 
@@ -90,7 +102,16 @@ def denoised_radiance(samples: Columns, window: Window) -> np.ndarray:
     albedo[~_has_surface(samples)] = 1
     groups = Groups.of(samples, window.pixel_of(samples.x, samples.y), albedo)
     blend = Blend.left_alone(groups)
-    for shown, new in track(list(_images(groups, window)), LABEL):
+    first = _first_image(groups, window)
+    is_first = first.ravel()[groups.pixel] == np.arange(len(groups.pixel))
+    denoised = _denoised(oidn, groups, first)
+    blend.put(denoised, groups, first, np.flatnonzero(is_first))
+    rest = np.flatnonzero(~is_first & groups.is_known)
+    found, beside = _beside(groups, first, denoised, rest)
+    for shown, new in _more_images(groups, first, rest[found]):
+        denoised.reshape(-1, 3)[groups.pixel[new]] = beside[np.searchsorted(rest, new)]
+        blend.put(denoised, groups, shown, new)
+    for shown, new in track(list(_more_images(groups, first, rest[~found])), LABEL):
         blend.put(_denoised(oidn, groups, shown), groups, shown, new)
     return blend.radiance(groups, samples.rgb, albedo)
 
@@ -121,6 +142,7 @@ class Groups:
     ``normal``                    float64 (G, 3), mean normal
     ``grey``                      float64 (G, 3), what stands for its albedo, which is not in its
                                   irradiance: a grey that its neighbours do not have
+    ``kind``                      int64 (G,), one number for each surface, and others for its images
     ``is_known``                  bool (G,), whether it can be denoised
     ============================  ==========================================================
     """
@@ -133,6 +155,7 @@ class Groups:
     variance: np.ndarray
     normal: np.ndarray
     grey: np.ndarray
+    kind: np.ndarray
     is_known: np.ndarray
 
     @classmethod
@@ -140,7 +163,8 @@ class Groups:
         """The groups of samples in pixels, int64 (N,), with an ``albedo`` > 0, (N, 3)."""
         assert columns.normal is not None
         known = _has_surface(columns)
-        of, first = _numbered(columns, pixel, known)
+        kind = _kinds(columns, known)
+        of, first = _numbered(pixel * (int(kind.max()) + 1) + kind)
         count, weight = len(first), columns.weight.astype(np.float64)
 
         def summed(values: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
@@ -163,6 +187,7 @@ class Groups:
             variance=variance,
             normal=summed(columns.normal) / total[:, None],
             grey=np.repeat(_greys(columns.surface[first])[:, None], 3, axis=1),
+            kind=kind[first],
             is_known=known[first],
         )
 
@@ -172,35 +197,39 @@ def _greys(surface: np.ndarray) -> np.ndarray:
     return 1 - (surface * GOLDEN_SECTION) % 1 / 2
 
 
-def _numbered(
-    columns: Columns, pixel: np.ndarray, known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The number of the group of each sample, int64 (N,), and the first sample of each group."""
-    surfaces, surface = np.unique(columns.surface, return_inverse=True)
-    key = pixel * len(surfaces) + surface
-    # A thing and its image in a mirror are apart, and so is a lamp's back from its front.
-    images = np.zeros(len(key), bool) if columns.through is None else columns.through > 0
-    key = (key * 2 + images) * 2 + known
+def _kinds(columns: Columns, known: np.ndarray) -> np.ndarray:
+    """Numbers from 0, int64 (N,), of what samples show.
+
+    A thing and its image in a mirror are apart, and so is the back of a lamp from its front.
+    """
+    _, surface = np.unique(columns.surface, return_inverse=True)
+    images = np.zeros(len(surface), bool) if columns.through is None else columns.through > 0
+    return np.asarray((surface * 2 + images) * 2 + known)
+
+
+def _numbered(key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the group of each sample, int64 (N,), and the first sample of each group.
+
+    Samples of a group have the same ``key``, int64 (N,).
+    """
     order = np.argsort(key, kind="stable")
     begins = np.diff(key[order], prepend=-1) != 0
-    of = np.empty_like(order)
-    of[order] = np.cumsum(begins) - 1
-    return of, order[begins]
+    number = np.empty_like(order)
+    number[order] = np.cumsum(begins) - 1
+    return number, order[begins]
 
 
 # ---------------------------------------------------------------- images
 
 
-def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Images that show all groups: the group in each pixel, int64 (H, W), and those that are new.
+def _first_image(groups: Groups, window: Window) -> np.ndarray:
+    """The group that is seen most of in each pixel, int64 (H, W).
 
     A pixel that has no sample shows what the nearest one does.
     """
     order = np.lexsort([-groups.weight, -groups.seen, groups.pixel])
     pixel = groups.pixel[order]
     begins = np.diff(pixel, prepend=-1) != 0
-    place = np.arange(len(pixel))
-    place -= np.maximum.accumulate(np.where(begins, place, 0))
     first = np.full(window.shape, -1)
     first.ravel()[pixel[begins]] = order[begins]
     if (first < 0).any():
@@ -208,12 +237,22 @@ def _images(groups: Groups, window: Window) -> Iterator[tuple[np.ndarray, np.nda
             first < 0, return_distances=False, return_indices=True
         )
         first = first[tuple(nearest)]
-    for number in range(min(int(place.max()) + 1, MOST_SURFACES)):
-        new = order[place == number]
+    return first
+
+
+def _more_images(
+    groups: Groups, first: np.ndarray, rest: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The ``first`` image with groups of the ``rest`` in it, one of a pixel in each; and these."""
+    rest = rest[np.lexsort([-groups.weight[rest], -groups.seen[rest], groups.pixel[rest]])]
+    place = np.arange(len(rest))
+    begins = np.diff(groups.pixel[rest], prepend=-1) != 0
+    place -= np.maximum.accumulate(np.where(begins, place, 0))
+    for number in range(min(int(place.max(initial=-1)) + 1, MOST_SURFACES - 1)):
+        new = rest[place == number]
         shown = first.copy()
         shown.ravel()[groups.pixel[new]] = new
-        if groups.is_known[new].any():
-            yield shown, new
+        yield shown, new
 
 
 def _denoised(oidn: ModuleType, groups: Groups, shown: np.ndarray) -> np.ndarray:
@@ -224,6 +263,30 @@ def _denoised(oidn: ModuleType, groups: Groups, shown: np.ndarray) -> np.ndarray
     )
     result = oidn.denoise(colour, albedo, normal, hdr=True, clean_aux=True)
     return np.asarray(result).astype(np.float64)
+
+
+def _beside(
+    groups: Groups, first: np.ndarray, denoised: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is ``denoised``, (H, W, 3), of the surfaces of groups in the pixels beside theirs.
+
+    ``first`` is the image that it is of. Returns which of the groups ``rest`` have their surface
+    within ``BESIDE`` pixels, bool (R,), and its irradiance there, float64 (R, 3).
+    """
+    height, width = first.shape
+    row, column = np.divmod(groups.pixel[rest], width)
+    sums, total = np.zeros((len(rest), 3)), np.zeros(len(rest))
+    steps = range(-BESIDE, BESIDE + 1)
+    for down, across in itertools.product(steps, steps):
+        there = np.clip(row + down, 0, height - 1), np.clip(column + across, 0, width - 1)
+        other = first[there]
+        alike = np.maximum((groups.normal[other] * groups.normal[rest]).sum(axis=1), 0)
+        weight = np.where(groups.kind[other] == groups.kind[rest], alike**SHARPNESS, 0)
+        weight *= np.exp(-(down**2 + across**2) / 2)
+        total += weight
+        sums += weight[:, None] * denoised[there]
+    found = total > LEAST_ALIKE
+    return found, sums / np.maximum(total, TINY)[:, None]
 
 
 # ---------------------------------------------------------------- what is denoised and what is left
@@ -255,7 +318,7 @@ class Blend:
     def put(self, denoised: np.ndarray, groups: Groups, shown: np.ndarray, new: np.ndarray) -> None:
         """Blend in what is ``denoised``, (H, W, 3), for the groups ``new`` of those ``shown``."""
         new = new[groups.is_known[new]]
-        difference, variance, bias = _around(denoised, groups, shown)
+        difference, variance, bias = _around(denoised, groups, shown, new)
         own = bias / np.maximum(bias + variance, TINY)
         detail = 1 - np.minimum(difference / np.maximum(variance * NOISE, TINY), 1)
         pixel = groups.pixel[new]
@@ -276,22 +339,27 @@ class Blend:
 
 
 def _around(
-    denoised: np.ndarray, groups: Groups, shown: np.ndarray
+    denoised: np.ndarray, groups: Groups, shown: np.ndarray, new: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean squared difference to what is ``denoised``, variance, and bias around pixels, (H, W).
 
-    They are relative to the irradiance, so that dark surfaces count beside bright ones.
+    They are means of the groups ``new`` of those ``shown``, and relative to the irradiance, so that
+    dark surfaces count beside bright ones.
     """
     scale = np.square(denoised).sum(axis=2)
     scale += np.square(DARKEST) * scale.mean() + TINY
     difference = np.square(groups.irradiance[shown] - denoised).sum(axis=2) / scale
     variance = groups.variance[shown] / scale
-    counts = np.isfinite(variance) & groups.is_known[shown]
+    counts = np.zeros(shown.shape, bool)
+    counts.ravel()[groups.pixel[new]] = True
+    counts &= np.isfinite(variance)
     difference, variance = (np.where(counts, values, 0) for values in (difference, variance))
     excess = difference - variance
-    mean, square, difference, variance = (
+    share, *sums = (
         scipy.ndimage.gaussian_filter(values, REACH)
-        for values in (excess, np.square(excess), difference, variance)
+        for values in (counts.astype(np.float64), excess, np.square(excess), difference, variance)
     )
-    error = np.sqrt(np.maximum(square - np.square(mean), 0) / (4 * np.pi * np.square(REACH)))
+    mean, square, difference, variance = (values / np.maximum(share, TINY) for values in sums)
+    count = np.maximum(4 * np.pi * np.square(REACH) * share, 1)
+    error = np.sqrt(np.maximum(square - np.square(mean), 0) / count)
     return difference, variance, np.maximum(mean - SURE * error, 0)

@@ -103,7 +103,7 @@ def test_light_stays_on_its_side_of_an_edge_and_hidden_things_are_denoised(varia
     denoised = joined(front, back, hidden).denoised()
     for surface, layer, light in ((1, 0, dark), (2, 0, slope), (2, 1, slope)):
         part = denoised.chosen((denoised.surface == surface) & (denoised.layer == layer))
-        assert error(part, light) < 0.15, (surface, layer)
+        assert error(part, light) < 0.25, (surface, layer)
 
 
 def test_lamps_and_the_sky_stay_as_they_are(variant_llvm):
