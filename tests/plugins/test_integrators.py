@@ -48,7 +48,7 @@ def test_focus_denoises_the_samples_where_it_is_told_to():
     np.testing.assert_allclose(
         np.array(mi.render(scene)), np.array(pm.focus(samples.denoised())), atol=1e-5
     )
-    with pytest.raises(TypeError, match="denoise=1: must be true or false"):
+    with pytest.raises(RuntimeError, match="denoise=1: must be true or false"):
         still_life({**FOCUS, "denoise": 1})
 
 
