@@ -59,10 +59,10 @@ BESIDE = 2
 """Pixels in each direction in which the surface of a group is looked for that is not seen most of
 in its own."""
 
-SHARPNESS = 16
+SHARPNESS = 128
 """Power of the cosine between normals: surfaces that face elsewhere have another irradiance."""
 
-LEAST_ALIKE = 0.05
+LEAST_ALIKE = 0.3
 """Weight of neighbours, of which one beside the pixel that faces the same way has 0.6, that is
 enough."""
 
