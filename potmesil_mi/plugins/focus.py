@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..filters.base import Filter, parse_filter
-from ..samples.denoising import require_extra
 from ..tracing.sensor import has_lens
 from .settings import denoise_from, has_alpha, method_from
 from .wrapper import WrapperIntegrator
@@ -76,6 +75,8 @@ class FocusIntegrator(WrapperIntegrator):
         self.filters = _filters(props)
         self.denoise = denoise_from(props)
         if self.denoise:
+            from ..samples.denoising import require_extra
+
             require_extra()
             self.sampling = dataclasses.replace(self.sampling, features=True)
 
