@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import sys
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import (
+    add_denoise,
     add_filter,
     add_lens,
     add_method,
@@ -48,9 +50,11 @@ def render_options(command: argparse.ArgumentParser) -> str:
     add_output(command)
     add_scene(command)
     command.add_argument(
-        "--samples", metavar="FILE",
-        help="keep the point samples in an archive, FILE.samples, or in a deep EXR, FILE.exr",
+        "--samples", metavar="FILE", help="keep the point samples in an archive, FILE.samples, or "
+        "in a deep EXR, FILE.exr; with --denoise as they were rendered, so that `focus --denoise` "
+        "denoises them"
     )  # fmt: skip
+    add_denoise(command, "what the scene's integrator says")
     add_sampling(command)
     add_lens(command)
     add_method(command)
@@ -63,26 +67,35 @@ def render(options: argparse.Namespace) -> None:
     from ..filters.base import as_filters
     from ..focusing.api import focus
     from ..plugins.settings import FocusSettings, has_alpha
+    from ..samples.denoising import require_extra
     from ..tracing.hidden_surface import render_samples
 
     _check_outputs(options.output, options.samples)
     method = given_method(options)
     filters = as_filters(options.filter)
+    if options.denoise:
+        require_extra()
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
+    sampling, denoise = given_sampling(options, integrator), bool(options.denoise)
     if isinstance(integrator, FocusSettings):
         method = given_method(options, integrator.method)
         filters = filters or integrator.filters
+        denoise = integrator.denoise if options.denoise is None else denoise
+    if denoise:
+        sampling = dataclasses.replace(sampling, features=True)
     samples = render_samples(
         scene,
         sensor,
         integrator,
         spp=options.spp,
         seed=options.seed,
-        sampling=given_sampling(options, integrator),
+        sampling=sampling,
     )
     if options.samples:
         samples.save(options.samples)
+    if denoise:
+        samples = samples.denoised()
     film = sensor.film()
     picture = focus(
         samples, method=method, filters=filters, rfilter=film.rfilter(), alpha=has_alpha(film)
@@ -104,6 +117,7 @@ def focus_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil focus``; returns the examples."""
     command.add_argument("samples", metavar="SAMPLES", help="file of `render --samples`")
     add_output(command)
+    add_denoise(command, "no")
     add_lens(command)
     add_method(command)
     add_filter(command)
@@ -129,6 +143,8 @@ def refocus(options: argparse.Namespace) -> None:
         from ..focusing.api import focus
 
         samples = loading.result()
+    if options.denoise:
+        samples = samples.denoised()
     lens = samples.lens.replace(**given_lens(options))
     _write(focus(samples, lens, method=method, filters=filters), options.output)
 

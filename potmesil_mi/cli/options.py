@@ -26,6 +26,7 @@ SAMPLING_OPTIONS = {
     "virtual_depth": "images in mirrors and glass have their own depth (default: yes)",
     "refine": "further samples where radiance varies, as a share of all (default 0.25)",
     "focus_range": "nearest and farthest distance that will be focused on (default: any)",
+    "features": "samples keep albedo and normal, to be denoised later (default: as --denoise says)",
 }
 """Help of the options that are fields of ``Sampling``."""
 
@@ -133,6 +134,15 @@ def add_method(command: argparse.ArgumentParser) -> None:
 
     group = command.add_argument_group("focus stage")
     _add_parameters(group, get_type_hints(method_of), METHOD_OPTIONS)
+
+
+def add_denoise(command: argparse.ArgumentParser, default: str) -> None:
+    """Add the option that denoises samples, which does so by ``default`` as that says."""
+    command.add_argument(
+        "--denoise", action=argparse.BooleanOptionalAction,
+        help=f"denoise the samples before they are focused (default: {default}); needs pip install "
+        "'potmesil_mi[denoise]'",
+    )  # fmt: skip
 
 
 def add_filter(command: argparse.ArgumentParser) -> None:

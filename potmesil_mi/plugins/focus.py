@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from ..filters.base import Filter, parse_filter
 from ..tracing.sensor import has_lens
-from .settings import has_alpha, method_from
+from .settings import denoise_from, has_alpha, method_from
 from .wrapper import WrapperIntegrator
 
 if TYPE_CHECKING:
@@ -58,7 +59,11 @@ class FocusIntegrator(WrapperIntegrator):
          begin with ``filter``: ``star:points=6,length=0.1,threshold=2``, ``diffraction:scale=20``,
          ``defocus:radius=0.01``, ``fade:amount=0.5,color=1/0.9/0.8``. Parameters are those of
          :class:`potmesil_mi.Star`, ``Diffraction``, ``Defocus`` and ``Fade``. (Default: none)
-     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth
+     * - denoise
+       - |bool|
+       - Denoise the samples before they are focused, for which ``features`` are kept: see
+         :meth:`potmesil_mi.PointSamples.denoised`. Needs the extra ``denoise``. (Default: false)
+     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth, features
        - |string|, |float|, |int|, |bool|
        - What is sampled, as for ``point_samples``.
      * - refine, focus_range
@@ -72,6 +77,12 @@ class FocusIntegrator(WrapperIntegrator):
         super().__init__(props)
         self.method = method_from(props)
         self.filters = _filters(props)
+        self.denoise = denoise_from(props)
+        if self.denoise:
+            from ..samples.denoising import require_extra
+
+            require_extra()
+            self.sampling = dataclasses.replace(self.sampling, features=True)
 
     def check_sensor(self, sensor: mi.Sensor) -> None:
         """Raise ``TypeError`` for a sensor without a lens."""
@@ -83,7 +94,7 @@ class FocusIntegrator(WrapperIntegrator):
         from ..focusing.api import focus
 
         picture = focus(
-            samples,
+            samples.denoised() if self.denoise else samples,
             method=self.method,
             filters=self.filters,
             rfilter=film.rfilter(),
@@ -96,7 +107,7 @@ class FocusIntegrator(WrapperIntegrator):
         """Text for the log and for ``print``."""
         return (
             f"FocusIntegrator[method = {self.method}, filters = {[*map(str, self.filters)]}, "
-            f"sampling = {self.sampling}, nested = {self.nested}]"
+            f"denoise = {self.denoise}, sampling = {self.sampling}, nested = {self.nested}]"
         )
 
 

@@ -78,6 +78,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - |string|
        - The nearest and the farthest distance that will be focused on, such as ``0.8/3``:
          ``refine`` spends less on what is blurred then. (Default: anything may be in focus)
+     * - features
+       - |bool|
+       - Samples keep albedo and normal, for a denoiser. Not in the film's channels.
+         (Default: false)
     """
 
     plugin = "point_samples"

@@ -23,6 +23,7 @@ class FocusSettings(Protocol):
 
     method: Method
     filters: tuple[FilterFunction, ...]
+    denoise: bool
 
 
 def method_from(props: mi.Properties) -> Method:
@@ -34,6 +35,14 @@ def method_from(props: mi.Properties) -> Method:
 
     given = {name: props[name] for name in METHOD_PARAMETERS if name in props}
     return method_of(given.pop("method", "layered"), **given)
+
+
+def denoise_from(props: mi.Properties) -> bool:
+    """Whether samples are denoised. Raises ``TypeError`` for other than true or false."""
+    value = props.get("denoise", False)
+    if not isinstance(value, bool):
+        raise TypeError(f"denoise={value!r}: must be true or false")
+    return value
 
 
 def has_alpha(film: mi.Film) -> bool:

@@ -23,6 +23,7 @@ _ID: dict[str, Any] = {"dtype": np.uint32, "channels": 0}
 _LAYER: dict[str, Any] = {"dtype": np.uint8, "channels": 0}
 _THROUGH: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
 _VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": True}
+_FEATURE: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
 
 ELSEWHERE = 255
 """``layer`` of what is on none of the rays of the pinhole."""
@@ -30,6 +31,9 @@ ELSEWHERE = 255
 TWINS = 240
 """``layer`` of hidden twins, from this on to before ``ELSEWHERE``: of what a ray shows first, of
 what is behind one veil, and so on."""
+
+LONGEST_NORMAL = 1.001
+"""Unit vectors are rounded."""
 
 VISIBILITY_POINTS = 64
 """Points of the lens, one for each bit of ``visibility``."""
@@ -62,6 +66,13 @@ class Columns:
     ``visibility``                uint64 (N,), which of 64 points of the lens see it: bit i is
                                   set for point i; 0 where that is to be found out from the
                                   other samples; ``None`` for all of these
+    ``albedo``                    float32 (N, 3), diffuse reflectance of what is seen, in linear
+                                  sRGB, 0 to 1; 1 of what does not reflect diffusely; 0 of lamps,
+                                  of the sky, of media and veils; ``None`` where it
+                                  was not kept
+    ``normal``                    float32 (N, 3), its shading normal in the world; 0 where
+                                  ``albedo`` is for lamps and the like; ``None`` where
+                                  it was not kept
     ============================  ==========================================================
 
     What is given becomes arrays of these types, without a copy where it is one. Raises
@@ -78,6 +89,8 @@ class Columns:
     layer: np.ndarray = dataclasses.field(default=OF_DEFAULT, metadata=_LAYER)
     through: np.ndarray | None = dataclasses.field(default=None, metadata=_THROUGH)
     visibility: np.ndarray | None = dataclasses.field(default=None, metadata=_VISIBILITY)
+    albedo: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
+    normal: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
 
     def __post_init__(self) -> None:
         count = len(self.x)
@@ -116,6 +129,10 @@ class Columns:
             yield values > 0
         if self.through is not None:
             yield np.isfinite(self.through) & (self.through >= 0)
+        if self.albedo is not None:
+            yield (self.albedo >= 0) & (self.albedo <= 1)
+        if self.normal is not None:
+            yield np.abs(self.normal) <= LONGEST_NORMAL
 
     @property
     def all_valid(self) -> bool:
@@ -126,7 +143,8 @@ class Columns:
         """Of which samples a picture can be formed, bool (N,).
 
         Radiance, alpha, position and weight must be finite, depth and weight > 0, and what it is
-        seen through must be at a finite depth >= 0.
+        seen through must be at a finite depth >= 0. Albedo must be 0 to 1, and normals no longer
+        than unit vectors.
         """
         return np.logical_and.reduce(
             [condition.reshape(len(self), -1).all(axis=1) for condition in self._conditions()]

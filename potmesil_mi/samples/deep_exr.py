@@ -21,6 +21,9 @@ Vogel's sunflower: in units of the half-widths ``visibility_radius`` of ``potmes
 is sqrt((i + 1/2)/64) from the middle, i (3 - sqrt(5)) pi radians from the right, as the camera
 looks, on downwards.
 
+Samples with features for a denoiser have ``albedo.R``, ``.G`` and ``.B``, and the shading normal in
+the world, ``N.X``, ``N.Y`` and ``N.Z``, none of them multiplied by ``A``.
+
 Version 1 had neither hidden samples nor overscan, and positions relative to the pixel. Versions
 1 and 2 call the lens's ``film`` ``image_distance``.
 
@@ -30,6 +33,8 @@ memory is taken only as its size justifies.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +57,8 @@ _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
 _LAYER = "potmesil.layer"
 _THROUGH = "potmesil.through"
 _VISIBILITY = ("potmesil.visibility0", "potmesil.visibility1")
+_FEATURES = {"albedo": ("albedo.R", "albedo.G", "albedo.B"), "normal": ("N.X", "N.Y", "N.Z")}
+"""Channels of columns for denoisers, by the names that renderers commonly give them."""
 
 
 def write(path: Path, header: Header, columns: Columns) -> None:
@@ -175,6 +182,10 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
     if columns.visibility is not None:
         halves = columns.visibility[order].astype("<u8").view("<u4").reshape(-1, 2)
         channels |= dict(zip(_VISIBILITY, np.ascontiguousarray(halves.T), strict=True))
+    for column, features in _FEATURES.items():
+        values = getattr(columns, column)
+        if values is not None:
+            channels |= dict(zip(features, np.ascontiguousarray(values[order].T), strict=True))
     return {name: _per_pixel(values, counts, window) for name, values in channels.items()}
 
 
@@ -192,7 +203,8 @@ def _per_pixel(values: np.ndarray, counts: np.ndarray, window: Window) -> np.nda
 def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
     """The samples of one part of a file; none where it has no samples."""
     names = ["R", "G", "B", "Z", "id", *_OWN]
-    names += [name for name in (_LAYER, _THROUGH, *_VISIBILITY) if name in channels]
+    optional = _LAYER, _THROUGH, *_VISIBILITY, *itertools.chain(*_FEATURES.values())
+    names += [name for name in optional if name in channels]
     absent = [name for name in names if name not in channels]
     if absent:
         raise ValueError(f"is damaged or not of this version: it has no channel {absent[0]}")
@@ -224,7 +236,17 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         layer=flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
         through=flat.get(_THROUGH),
         visibility=visibility,
+        **_features(flat),
     )
+
+
+def _features(flat: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns for denoisers that a part of a file has."""
+    return {
+        column: np.stack([flat[name] for name in names], axis=1)
+        for column, names in _FEATURES.items()
+        if all(name in flat for name in names)
+    }
 
 
 def _share(weight: np.ndarray, alpha: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ LONGEST_NAME = 255
 """Most characters of the name of an attribute or of its type."""
 
 MOST_CHANNELS = 32
-"""Channels of a part; this package writes ten or eleven."""
+"""Channels of a part; this package writes ten to twenty."""
 
 USUAL_CHANNELS = 12
 """Channels with which the following two numbers are enough; more take more, as many as they are."""

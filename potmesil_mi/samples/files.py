@@ -80,6 +80,6 @@ def _require_usable(header: Header, columns: Columns) -> None:
     if not columns.all_valid:
         raise ValueError(
             f"is damaged: {np.count_nonzero(~columns.is_valid())} of {len(columns)} samples have "
-            "radiance, alpha, position or weight not finite, depth or weight not > 0, or through "
-            "not finite or < 0"
+            "radiance, alpha, position or weight not finite, depth or weight not > 0, through "
+            "not finite or < 0, albedo not 0 to 1, or a normal longer than 1"
         )

@@ -46,6 +46,8 @@ class Changes(TypedDict, total=False):
     layer: np.ndarray | None
     through: np.ndarray | None
     visibility: np.ndarray | None
+    albedo: np.ndarray | None
+    normal: np.ndarray | None
     visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
@@ -82,6 +84,13 @@ class PointSamples(Columns):
                                   point i of ``visibility_points``; 0 where a focus is to find
                                   it out from the other samples; ``None`` (default) where that
                                   is all
+    ``albedo``                    float32 (N, 3), diffuse reflectance of what is seen, in linear
+                                  sRGB, 0 to 1; 1 of what does not reflect diffusely; 0 of lamps,
+                                  of the sky, of media and veils; ``None`` (default) where it
+                                  was not kept
+    ``normal``                    float32 (N, 3), its shading normal in the world; 0 where
+                                  ``albedo`` is for lamps and the like; ``None`` (default) where
+                                  it was not kept
     ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
                                   ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
@@ -94,10 +103,11 @@ class PointSamples(Columns):
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
-    not positive, or with ``through`` not finite or < 0 are dropped, with a ``RuntimeWarning`` that
-    counts them. Raises ``ValueError`` for columns of unequal length or wrong shape, for a window of
-    less than one pixel, for ``visibility`` without the lens's half-widths or these without it, and
-    where no sample is left, ``TypeError`` for a window of other than whole numbers.
+    not positive, with ``through`` not finite or < 0, with an albedo that is not 0 to 1 or a normal
+    longer than 1 are dropped, with a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
+    columns of unequal length or wrong shape, for a window of less than one pixel, for
+    ``visibility`` without the lens's half-widths or these without it, and where no sample is left,
+    ``TypeError`` for a window of other than whole numbers.
     """
 
     camera: Camera
@@ -120,7 +130,8 @@ class PointSamples(Columns):
                 object.__setattr__(self, field.name, getattr(self, field.name)[valid])
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
-                "weight not finite, depth or weight not > 0, or through not finite or < 0",
+                "weight not finite, depth or weight not > 0, through not finite or < 0, albedo not "
+                "0 to 1, or a normal longer than 1",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -294,8 +305,30 @@ class PointSamples(Columns):
             layer=self.layer[order][first],
             through=None if self.through is None else mean(self.through),
             visibility=None if self.visibility is None else self.visibility[order][first],
+            albedo=None if self.albedo is None else mean(self.albedo),
+            normal=None if self.normal is None else mean(self.normal),
             weight=total,
         )
+
+    def denoised(self) -> PointSamples:
+        """Samples with less noise in their radiance, for the price of a little bias.
+
+        Needs ``albedo`` and ``normal``, which ``Sampling(features=True)`` keeps, and the extra
+        ``denoise``: Intel's Open Image Denoise. It works on the irradiance, for each surface in a
+        pixel by itself, hidden ones and overscan included, so that nothing is smeared over edges
+        and textures keep their detail. Lamps, the sky, media and veils stay as they are, and so do
+        alpha and depth. Where samples have little noise beside the bias of the denoiser they are
+        mixed with what it makes of them, by estimates of both: see ``samples/denoising.py``.
+        Very bright samples that stand alone count as noise, and their light is spread or lost;
+        where the mean of a pixel is negative it becomes 0.
+
+        Denoise once, before :meth:`merge`, which leaves too few samples to tell their noise.
+        Raises ``ValueError`` for samples without ``albedo`` or ``normal``, ``ImportError`` without
+        the extra.
+        """
+        from .denoising import denoised_radiance
+
+        return self.replace(rgb=denoised_radiance(self, self.window))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file, in the format that the ending of its name stands for.

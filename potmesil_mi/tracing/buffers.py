@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import Columns
+from ..samples.columns import COLUMNS, Columns
+
+SCHEMA = {field.name: field for field in COLUMNS}
+"""The schema of the columns by their names."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,6 +27,7 @@ class Traced:
     ``z``                         depth in scene units; ``inf`` where a ray meets nothing, 0
                                   where it has nothing to tell
     ``surface``                   id of the surface, 0 for none
+    ``albedo``, ``normal``        its :class:`potmesil_mi.tracing.features.Features`, if wanted
     ============================  ==========================================================
     """
 
@@ -30,19 +35,24 @@ class Traced:
     alpha: mi.Float
     z: mi.Float
     surface: mi.UInt32
+    albedo: mi.Color3f | None = None
+    normal: mi.Normal3f | None = None
 
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
     """What rays show, on the host: the fields of :class:`Traced`.
 
-    ``rgb`` is float32 (N, 3), ``alpha`` and ``z`` float32 (N,), ``surface`` uint32 (N,).
+    ``rgb`` is float32 (N, 3), ``alpha`` and ``z`` float32 (N,), ``surface`` uint32 (N,);
+    ``albedo`` and ``normal`` are float32 (N, 3), or ``None``, which stands for zeros.
     """
 
     rgb: np.ndarray
     alpha: np.ndarray
     z: np.ndarray
     surface: np.ndarray
+    albedo: np.ndarray | None = None
+    normal: np.ndarray | None = None
 
     @classmethod
     def empty(cls, count: int) -> Shown:
@@ -54,34 +64,56 @@ class Shown:
             surface=_empty(mi.UInt32, count),
         )
 
+    @classmethod
+    def of(cls, columns: Columns, which: np.ndarray) -> Shown:
+        """What the samples ``which`` show, by their numbers."""
+        names = {field.name for field in columns.present()} & {
+            f.name for f in dataclasses.fields(cls)
+        }
+        return cls(**{name: getattr(columns, name)[which] for name in names})
+
+    def room_for(self, count: int) -> Shown:
+        """Memory for ``count`` rays, with the columns of these."""
+        room = Shown.empty(count)
+        more = self.columns().keys() - room.columns().keys()
+        return dataclasses.replace(room, **{name: _zeros(name, count) for name in more})
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns that there are, by their names."""
+        return {name: column for name, column in vars(self).items() if column is not None}
+
     def __getitem__(self, rays: np.ndarray | slice) -> Shown:
         """Some of the rays, by their numbers, a mask or a slice."""
-        return Shown(self.rgb[rays], self.alpha[rays], self.z[rays], self.surface[rays])
+        return Shown(**{name: column[rays] for name, column in self.columns().items()})
 
     def followed_by(self, other: Shown) -> Shown:
         """These rays and then those of ``other``."""
+        names = (self.columns() | other.columns()).keys()
+        both = self._with(names), other._with(names)
         return Shown(
-            np.concatenate([self.rgb, other.rgb]),
-            np.concatenate([self.alpha, other.alpha]),
-            np.concatenate([self.z, other.z]),
-            np.concatenate([self.surface, other.surface]),
+            **{name: np.concatenate([vars(part)[name] for part in both]) for name in names}
         )
 
     def put(self, part: slice, other: Shown) -> None:
-        """Overwrite the rays of ``part`` with ``other``."""
-        self.rgb[part], self.alpha[part] = other.rgb, other.alpha
-        self.z[part], self.surface[part] = other.z, other.surface
+        """Overwrite the rays of ``part`` with ``other``, which has the same columns."""
+        for name, column in self.columns().items():
+            column[part] = vars(other)[name]
+
+    def _with(self, names: Iterable[str]) -> Shown:
+        """These rays, with zeros for those of the columns ``names`` that there are not."""
+        absent = [name for name in names if vars(self)[name] is None]
+        return dataclasses.replace(self, **{name: _zeros(name, len(self.z)) for name in absent})
 
     def averaged(self, paths: int) -> Shown:
         """One ray in the place of each ``paths`` rays after each other.
 
-        It has the mean of their radiance and alpha, and the depth and surface of the first.
+        It has the mean of their radiance and alpha, and the rest of the first.
         """
-        return Shown(
+        first = self[::paths]
+        return dataclasses.replace(
+            first,
             rgb=self.rgb.reshape(-1, paths, 3).mean(axis=1),
             alpha=self.alpha.reshape(-1, paths).mean(axis=1),
-            z=self.z.reshape(-1, paths)[:, 0],
-            surface=self.surface.reshape(-1, paths)[:, 0],
         )
 
 
@@ -91,11 +123,20 @@ def to_host(traced: Traced, *more: mi.Float) -> tuple[Shown, list[np.ndarray]]:
     Each array asked for alone would trace the rays again. On the CPU the results are Dr.Jit's own
     memory, not copies of it.
     """
-    arrays = [traced.rgb, traced.alpha, traced.z, traced.surface, *more]
-    flat = [dr.ravel(array) for array in arrays]
+    arrays = {name: array for name, array in vars(traced).items() if array is not None}
+    flat = [dr.ravel(array) for array in (*arrays.values(), *more)]
     dr.eval(flat)
-    rgb, alpha, z, surface, *others = (np.asarray(values) for values in flat)
-    return Shown(rgb.reshape(len(z), -1), alpha, z, surface), others
+    host = [np.asarray(values) for values in flat]
+    columns = {
+        name: values.reshape(_shape(name, -1)) for name, values in zip(arrays, host, strict=False)
+    }
+    return Shown(**columns), host[len(arrays) :]
+
+
+def _shape(name: str, count: int) -> tuple[int, ...]:
+    """The shape of a column of so many samples."""
+    channels = SCHEMA[name].metadata["channels"]
+    return (count, channels) if channels else (count,)
 
 
 class SampleBuffer:
@@ -135,23 +176,32 @@ class SampleBuffer:
         start, end = self._count, self._count + len(x)
         if end > len(self._memory):
             self._grow(2 * end - start)
-        memory, part = self._memory, slice(start, end)
+        part = slice(start, end)
+        self._put(part, shown)
+        memory = self._memory
         memory.x[part], memory.y[part] = x, y
-        memory.rgb[part], memory.alpha[part] = shown.rgb, shown.alpha
-        memory.z[part], memory.surface[part] = shown.z, shown.surface
         memory.weight[part], memory.layer[part] = weight, layer
         self._count = end
 
     def put(self, which: np.ndarray, shown: Shown, weight: np.ndarray) -> None:
         """Overwrite the samples ``which``, int (N,), with others of the same positions."""
-        memory = self._memory
-        memory.rgb[which], memory.alpha[which] = shown.rgb, shown.alpha
-        memory.z[which], memory.surface[which] = shown.z, shown.surface
-        memory.weight[which] = weight
+        self._put(which, shown)
+        self._memory.weight[which] = weight
 
     def columns(self) -> Columns:
         """The samples so far, in the buffer's own memory."""
         return Columns(**{name: array[: self._count] for name, array in self._arrays()})
+
+    def _put(self, which: np.ndarray | slice, shown: Shown) -> None:
+        """Overwrite what samples show. A column that is new to the memory has zeros elsewhere."""
+        columns = shown.columns()
+        new = [name for name in columns if getattr(self._memory, name) is None]
+        if new:
+            zeros = {name: _zeros(name, len(self._memory)) for name in new}
+            self._memory = dataclasses.replace(self._memory, **zeros)
+        for name, memory in self._arrays():
+            if name in vars(shown):
+                memory[which] = columns.get(name, 0)
 
     def _arrays(self) -> list[tuple[str, np.ndarray]]:
         """The memory of each column, by its name."""
@@ -164,6 +214,11 @@ class SampleBuffer:
             larger[name] = np.empty((capacity, *array.shape[1:]), dtype=array.dtype)
             larger[name][: self._count] = array[: self._count]
         self._memory = Columns(**larger)
+
+
+def _zeros(name: str, count: int) -> np.ndarray:
+    """A column of zeros, whose memory costs nothing until it is written to."""
+    return np.zeros(_shape(name, count), SCHEMA[name].metadata["dtype"])
 
 
 def _empty(kind: type, count: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import drjit as dr
@@ -19,7 +20,7 @@ from ..samples.columns import (
     visibility_points,
 )
 from ..samples.raster import Window
-from .buffers import to_host
+from .buffers import Shown, to_host
 from .images import ALL, VirtualImage, seen_by, seen_by_some
 from .lens_rays import TURN, LensRays
 from .lobes import LEAST_SHARE, by_lobe, share_of
@@ -142,18 +143,20 @@ class _Finder:
         own = seen_by_some(image, np.array(chosen[1]), self.lens, 1)
         visibility = own | seen_by(image, x, y, number, self.lens, TRIED_ELSEWHERE)
         share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
-        rgb, alpha, part = self._shown(*chosen, None if lobe is None else lobe[np.array(index)])
+        shown, part = self._shown(*chosen, None if lobe is None else lobe[np.array(index)])
         found = Columns(
             x=x,
             y=y,
-            rgb=rgb,
-            alpha=alpha,
+            rgb=shown.rgb,
+            alpha=shown.alpha,
             z=z,
             surface=surface,
             weight=area[np.array(index)] * share * part,
             layer=np.full(len(x), ELSEWHERE, np.uint8),
             through=through,
             visibility=visibility,
+            albedo=shown.albedo,
+            normal=shown.normal,
         )
         return found.chosen((own > 0) & found.is_valid() & (part > 0))
 
@@ -185,10 +188,10 @@ class _Finder:
 
     def _shown(
         self, position: mi.Point2f, point: mi.UInt32, lobe: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the rays by way of each ``position`` show by a lobe: radiance, alpha and its share.
+    ) -> tuple[Shown, np.ndarray]:
+        """What the rays by way of each ``position`` show by a lobe, and its share, float32 (N,).
 
-        They are float32 (N, 3), (N,) and (N,).
+        Depth and surface are not told.
         """
         count = dr.width(position)
         index = self.rays.passes.begin_for(count)
@@ -198,12 +201,12 @@ class _Finder:
         if lobe is None:
             lanes = dr.width(index)
             nothing = dr.zeros(mi.Float, lanes), dr.zeros(mi.UInt32, lanes)
-            traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium())
-            shown = to_host(traced)[0][:count]
-            return shown.rgb, shown.alpha, np.ones(count, np.float32)
+            hit = self.rays.visible(mi.Ray3f(ray)).hit if self.rays.features else None
+            traced = self.rays.shaded(ray, weight, *nothing, self.rays.sensor.get_medium(), hit)
+            return to_host(traced)[0][:count], np.ones(count, np.float32)
         # Of glass each lobe has what it shows alone.
         traced, share = by_lobe(self.rays, ray, weight, gathered(lobe, index))
-        shown, (share,) = to_host(traced, share)
+        every, (share,) = to_host(traced, share)
         share = np.where(lobe == NO_LOBE, share[:count], share_of(share[:count]))
-        rgb = shown.rgb[:count] / np.maximum(share, LEAST_SHARE)[:, None]
-        return rgb, np.ones(count, np.float32), share
+        rgb = every.rgb[:count] / np.maximum(share, LEAST_SHARE)[:, None]
+        return dataclasses.replace(every[:count], rgb=rgb, alpha=np.ones(count, np.float32)), share

@@ -112,7 +112,9 @@ def _sampled(
     veils = VeilKinds(False, False)
     if sampling.virtual_depth:
         veils = veil_kinds(scene, sensor, integrator)
-    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows, veils)
+    rays = PrimaryRays(
+        scene, sensor, integrator, passes, crop, ids, follows_windows, veils, sampling.features
+    )
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):

@@ -10,6 +10,8 @@ pinhole.
 
 from __future__ import annotations
 
+import dataclasses
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -84,15 +86,18 @@ def part_lobes(
         layer=np.zeros(len(where), np.uint8),
         through=seen.through,
         visibility=seen.visibility,
+        albedo=shown.albedo,
+        normal=shown.normal,
     )
     which = np.flatnonzero(kept < 1)
     rgb = (light[which] / kept[which, None]).astype(np.float32)
-    shown = Shown(rgb, columns.alpha[which], columns.z[which], columns.surface[which])
-    buffer.put(which, shown, weight[which] * kept[which])
+    kept_light = dataclasses.replace(Shown.of(columns, which), rgb=rgb)
+    buffer.put(which, kept_light, weight[which] * kept[which])
     if layers > 1:
         beside = through[which] == 0
         twins = which[beside]
-        buffer.add(x[twins], y[twins], shown[beside], weight[twins] * (1 - kept[twins]), TWINS)
+        shares = weight[twins] * (1 - kept[twins])
+        buffer.add(x[twins], y[twins], kept_light[beside], shares, TWINS)
     return [parted.chosen(number == lobe) for lobe in np.unique(number)]
 
 
@@ -117,5 +122,5 @@ def by_lobe(
     last = mi.RayDifferential3f(visible.last)
     surface = rays.surface_of(visible.hit)
     weight = weight * mi.Spectrum(dr.select(there, visible.throughput, 0))
-    traced = rays.shaded(last, weight, visible.depth, surface, None)
+    traced = rays.shaded(last, weight, visible.depth, surface, None, visible.hit)
     return traced, dr.select(there, visible.share, 0)

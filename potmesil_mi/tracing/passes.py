@@ -65,14 +65,16 @@ class Passes:
         ``label`` is said of the progress.
         """
         paths = self.spp if paths is None else paths
-        shown = Shown.empty(len(x))
+        shown: Shown | None = None
         for part in track(wavefronts(len(x), paths), label):
             count = part.stop - part.start
             sample = self.begin_for(count * paths) // dr.opaque(mi.UInt32, paths)
             of_x, of_y, *more = (gathered(column[part], sample) for column in (x, y, *columns))
             every, _ = to_host(trace(mi.Point2f(of_x, of_y), *more))
-            shown.put(part, every[: count * paths].averaged(paths))
-        return shown
+            means = every[: count * paths].averaged(paths)
+            shown = means.room_for(len(x)) if shown is None else shown
+            shown.put(part, means)
+        return Shown.empty(0) if shown is None else shown
 
 
 def gathered(column: np.ndarray, index: mi.UInt32) -> mi.Float | mi.UInt32:

@@ -12,6 +12,7 @@ import mitsuba as mi
 from ..samples.raster import Window
 from .buffers import Traced
 from .clearance import ray_from
+from .features import Features
 from .onward import alphas_of, may_part_light, may_pass_straight, may_show_images, passes_straight
 from .passes import Passes
 from .sensor import is_orthographic
@@ -40,6 +41,7 @@ class PrimaryRays:
                                   :func:`potmesil_mi.tracing.shapes.surface_ids`
     ``follows_windows``           whether depth is that of images in mirrors and glass
     ``veils``                     whether there are veils, whose samples are told apart
+    ``features``                  whether albedo and normal are kept
     ============================  ==========================================================
     """
 
@@ -51,6 +53,7 @@ class PrimaryRays:
     surfaces: mi.UInt32
     follows_windows: bool
     veils: VeilKinds
+    features: bool
 
     def trace(self, position: mi.Point2f) -> Traced:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
@@ -61,7 +64,7 @@ class PrimaryRays:
         ray, ray_weight = self.sampled(position)
         visible = self.visible(mi.Ray3f(ray))
         surface, medium = self.surface_of(visible.hit), self.sensor.get_medium()
-        return self.shaded(ray, ray_weight, visible.depth, surface, medium)
+        return self.shaded(ray, ray_weight, visible.depth, surface, medium, visible.hit)
 
     def trace_from(
         self,
@@ -77,7 +80,8 @@ class PrimaryRays:
         """
         ray, ray_weight = self.sampled(position)
         _begin_at(ray, start)
-        return self.shaded(ray, ray_weight, depth, surface, medium)
+        hit = self.visible(mi.Ray3f(ray)).hit if self.features else None
+        return self.shaded(ray, ray_weight, depth, surface, medium, hit)
 
     def sampled(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """The ray through ``position`` and its weight; the sampler gives time and wavelengths."""
@@ -159,10 +163,12 @@ class PrimaryRays:
         depth: mi.Float,
         surface: mi.UInt32,
         medium: mi.Medium | None,
+        hit: mi.SurfaceInteraction3f | None,
     ) -> Traced:
         """Radiance along ``ray``, with ``depth`` and ``surface`` of what it shows.
 
-        The ray begins in a ``medium``, or in none.
+        The ray begins in a ``medium``, or in none. ``hit`` is what it shows, of which features are
+        kept; ``None`` where they need not be.
         """
         radiance, valid, _ = mi.SamplingIntegrator.sample(
             self.integrator,
@@ -172,11 +178,13 @@ class PrimaryRays:
             medium,
             mi.Bool(True),
         )
+        features = Features.of(hit)._asdict() if self.features and hit is not None else {}
         return Traced(
             rgb=_to_rgb(radiance * ray_weight, ray.wavelengths),
             alpha=dr.select(valid, mi.Float(1), mi.Float(0)),
             z=depth,
             surface=surface,
+            **features,
         )
 
     @functools.cached_property

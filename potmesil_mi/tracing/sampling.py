@@ -64,6 +64,10 @@ class Sampling:
                                   less on what is blurred then. Twice the same is one picture.
                                   By default, and with an orthographic sensor, anything may be
                                   in focus
+    ``features``                  albedo and normal of each sample are kept, with which
+                                  :meth:`potmesil_mi.PointSamples.denoised` tells detail from noise
+                                  (default: no); what is seen in mirrors and through glass has
+                                  its own, with ``virtual_depth``
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
@@ -79,6 +83,7 @@ class Sampling:
     virtual_depth: bool = True
     refine: float = REFINE
     focus_range: tuple[float, float] | str | None = None
+    features: bool = False
 
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
@@ -95,8 +100,10 @@ class Sampling:
             raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
         if self.min_f_number is not None and not self.min_f_number > 0:
             raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
-        if not isinstance(self.virtual_depth, (bool, np.bool_)):
-            raise TypeError(f"virtual_depth={self.virtual_depth!r}: must be True or False")
+        for name in ("virtual_depth", "features"):
+            value = getattr(self, name)
+            if not isinstance(value, (bool, np.bool_)):
+                raise TypeError(f"{name}={value!r}: must be True or False")
         require_number("refine", self.refine, 0, MOST_REFINE)
         if self.focus_range is not None:
             object.__setattr__(self, "focus_range", _focus_range(self.focus_range))

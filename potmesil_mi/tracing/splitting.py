@@ -63,7 +63,7 @@ def split(
     found = _no_nearer(found, columns.z[:primary])
     behind = _behind(found, x[found.of], y[found.of], rays, paths)
     which, ray = np.unique(found.of, return_inverse=True)
-    last = Shown(*(getattr(columns, name)[which] for name in SHOWN))
+    last = Shown.of(columns, which)
     weight, x, y = (column[which] for column in (columns.weight, x, y))
     parts = Part.of_rays(found, ray, last, behind, _pixels(x, y), weight)
     for place, part in enumerate(parts):
@@ -80,15 +80,10 @@ def split(
         buffer.add(x[at], y[at], part.shown[there], shares[there], TWINS + place)
 
 
-SHOWN = tuple(field.name for field in dataclasses.fields(Shown))
-"""The names of what rays show, which are columns of samples, too."""
-
-
 def _behind(found: Veils, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, paths: int) -> Shown:
     """What is behind each of the veils ``found`` on rays through (x, y): radiance and alpha."""
     result = Shown.empty(len(found))
-    for column in vars(result).values():
-        column[:] = 0
+    result.rgb[:] = result.alpha[:] = 0
     ends = np.isfinite(found.start)
     for medium in np.unique(found.medium[ends]):
         these = np.flatnonzero(ends & (found.medium == medium))
@@ -169,6 +164,7 @@ class Part:
             through[of] *= passing[:, -1]
             ends[of] = np.isfinite(veil.start)
         shown = _shown(light * tint, last.z, last.surface)
+        shown = dataclasses.replace(shown, albedo=last.albedo, normal=last.normal)
         parts.append(cls(np.arange(count), shown, through, (1 - through) * ends))
         return parts
 

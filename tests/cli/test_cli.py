@@ -126,6 +126,36 @@ def test_kept_samples_are_refocused(tmp_path, method, name):
     np.testing.assert_allclose(read(path), np.array(expected), atol=1e-5)
 
 
+def test_denoise_renders_and_refocuses_denoised_samples_and_keeps_them_as_they_were(tmp_path):
+    pytest.importorskip("mitsuba_oidn", reason="needs mitsuba-oidn: pip install '.[denoise]'")
+    rendered, samples, again = (str(tmp_path / name) for name in ("a.exr", "s.exr", "b.exr"))
+    room = [str(SCENES / "room.xml"), "-D", "res=32", "--spp", "4", "--denoise"]
+    assert cli.main(["render", *room, "-o", rendered, "--samples", samples]) == 0
+    assert cli.main(["focus", samples, "--denoise", "-o", again]) == 0
+    kept = pm.PointSamples.load(samples)
+    assert np.abs(read(rendered) - np.array(pm.focus(kept))).max() > 0.02
+    np.testing.assert_allclose(read(rendered), np.array(pm.focus(kept.denoised())), atol=1e-4)
+    np.testing.assert_allclose(read(again), read(rendered), atol=1e-4)
+
+
+def test_samples_without_features_are_not_denoised(tmp_path, capsys):
+    samples = str(tmp_path / "s.exr")
+    first = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.exr"), "--samples", samples]
+    assert cli.main(first) == 0
+    assert cli.main(["focus", samples, "--denoise", "-o", str(tmp_path / "b.exr")]) == 1
+    assert "features=True" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
+
+
+def test_without_the_denoiser_nothing_is_rendered(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
+    monkeypatch.setattr(
+        hidden_surface, "render_samples", lambda *_, **__: pytest.fail("rendering started")
+    )
+    assert cli.main(["render", FIGURE, *SMALL, "--denoise", "-o", str(tmp_path / "a.exr")]) == 1
+    assert "potmesil_mi[denoise]" in capsys.readouterr().err
+
+
 PERSPECTIVE = """<scene version="3.0.0">
   <integrator type="direct"/><emitter type="constant"/>
   <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="3"/></shape>

@@ -42,6 +42,17 @@ def test_focus_renders_what_the_two_stages_give(options):
     assert np.abs(image - path).max() > 0.02, "the lens must blur something"
 
 
+def test_focus_denoises_the_samples_where_it_is_told_to():
+    pytest.importorskip("mitsuba_oidn", reason="needs mitsuba-oidn: pip install '.[denoise]'")
+    scene = still_life({**FOCUS, "denoise": True}, spp=4)
+    samples = pm.render_samples(scene)
+    np.testing.assert_allclose(
+        np.array(mi.render(scene)), np.array(pm.focus(samples.denoised())), atol=1e-5
+    )
+    with pytest.raises(RuntimeError, match="denoise=1: must be true or false"):
+        still_life({**FOCUS, "denoise": 1})
+
+
 def test_focus_obeys_spp_and_seed():
     scene = still_life(FOCUS, lamp={"type": "constant"})
     few, again, other = (np.array(mi.render(scene, spp=1, seed=s)) for s in (1, 1, 2))

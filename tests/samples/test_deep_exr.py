@@ -97,6 +97,25 @@ def test_half_widths_of_a_lens_in_a_file_are_not_trusted(tmp_path, radius):
         pm.PointSamples.load(path)
 
 
+def test_features_survive_a_file_in_channels_that_others_know(tmp_path):
+    rng = np.random.default_rng(3)
+    normal = rng.normal(size=(2000, 3))
+    samples = overscanned(2000).replace(
+        albedo=rng.random((2000, 3)), normal=normal / np.linalg.norm(normal, axis=1)[:, None]
+    )
+    samples.save(tmp_path / "samples.exr")
+    loaded = pm.PointSamples.load(tmp_path / "samples.exr")
+    assert_same_samples(loaded, samples)
+    here, there = (np.lexsort([s.z, s.y, s.x]) for s in (loaded, samples))
+    for name in ("albedo", "normal"):
+        np.testing.assert_array_equal(getattr(loaded, name)[here], getattr(samples, name)[there])
+    with OpenEXR.File(str(tmp_path / "samples.exr"), separate_channels=True) as file:
+        for part in file.parts:
+            assert {"albedo.R", "albedo.G", "albedo.B", "N.X", "N.Y", "N.Z"} <= part.channels.keys()
+    synthetic(50).save(tmp_path / "plain.exr")
+    assert pm.PointSamples.load(tmp_path / "plain.exr").albedo is None
+
+
 @pytest.mark.parametrize("margin", [0, 5, 60])
 def test_layers_and_window_survive_a_file(tmp_path, margin):
     samples = overscanned(margin=margin)

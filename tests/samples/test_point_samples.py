@@ -230,6 +230,8 @@ def test_columns_are_taken_as_they_are_and_joined_in_order():
         through=rng.random(100),
         visibility=rng.integers(0, 2**64, 100, np.uint64),
         visibility_radius=(0.1, 0.1),
+        albedo=rng.random((100, 3)),
+        normal=rng.random((100, 3)) / 2,
     )
     columns = {f.name: getattr(samples, f.name) for f in COLUMNS}
     whole = Columns(**columns)

@@ -30,6 +30,7 @@ def test_every_pattern_that_types_allow_is_taken():
         ({"min_f_number": np.nan}, "min_f_number=nan"),
         ({"min_f_number": "wide"}, "min_f_number='wide'"),
         ({"virtual_depth": 1}, "virtual_depth=1"),
+        ({"features": 1}, "features=1"),
     ],
 )
 def test_a_bad_pattern_is_named(sampling, text):
