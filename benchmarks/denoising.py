@@ -144,7 +144,7 @@ def taken(subject: Subject, spp: int, repeats: int) -> tuple[dict[str, np.ndarra
         subject.integrator,
         spp=spp,
         seed=0,
-        sampling=pm.Sampling(features=True),
+        sampling=pm.Sampling(features=True, refine=0),
     )
     made: list[pm.PointSamples] = []
 

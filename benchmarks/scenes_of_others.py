@@ -171,7 +171,9 @@ def measured(case: Case, spp: int, arguments: argparse.Namespace) -> Iterator[Ro
     made: list[pm.PointSamples] = []
 
     def take() -> int:
-        made[:] = [pm.render_samples(case.scene, case.sensor, spp=spp, seed=0)]
+        # As many as of `thinlens`, none to refine pixels.
+        even = pm.Sampling(refine=0)
+        made[:] = [pm.render_samples(case.scene, case.sensor, spp=spp, seed=0, sampling=even)]
         return 0
 
     _, first, again = first_and_steady(take, repeats)

@@ -57,7 +57,7 @@ def row(name: str, focus_distance: float, arguments: Any) -> list[str]:
     made = []
 
     def sample() -> int:
-        made[:] = [pm.render_samples(scene, spp=arguments.spp)]
+        made[:] = [pm.render_samples(scene, spp=arguments.spp, sampling=pm.Sampling(refine=0))]
         return len(made[0])
 
     rendered, _, seconds = common.first_and_steady(lambda: render(arguments.spp, 1 << 20))
