@@ -147,8 +147,9 @@ def main() -> None:
     if not arguments.uniform:
         console.print(
             "samples: of the sampler, and in brackets all, with those that refine pixels, beyond "
-            "the borders of the film and behind nearer surfaces, for a pixel of the film. light: mean of the picture relative to the "
-            "reference. sampling s: the first time and again, for all settings of a scene. "
+            "the borders of the film and behind nearer surfaces, for a pixel of the film. light: "
+            "mean of the picture relative to the reference. sampling s: the first time and again, "
+            "for all settings of a scene. "
             "first s: focusing for the first time; steady s: median of "
             f"{arguments.repeats} refocusings to other distances."
         )
