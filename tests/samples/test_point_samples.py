@@ -5,6 +5,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.optics.disc import lens_points
+from potmesil_mi.samples import point_samples
 from potmesil_mi.samples.columns import COLUMNS, Columns
 from potmesil_mi.samples.raster import Window
 from scenes import overscanned, papers_scene, pinhole_mean, synthetic
@@ -424,3 +425,20 @@ def test_a_bad_crop_is_named(window, halo, error, text):
 def test_a_crop_without_samples_is_refused():
     with pytest.raises(ValueError, match=r"window=\(0, 0, 2, 2\), halo=0: there are no samples"):
         synthetic(2, x=[9.5, 9.5], y=[9.5, 9.5]).crop(Window(0, 0, 2, 2))
+
+
+@pytest.mark.parametrize("enough", [100, 10**6])
+def test_shares_of_a_ray_are_one_of_the_samples_a_pixel(monkeypatch, enough):
+    monkeypatch.setattr(point_samples, "ENOUGH_TO_COUNT", enough)
+    samples = synthetic(20 * 14 * 5)
+    pixel = np.repeat(np.arange(20 * 14), 5)
+    rng = np.random.default_rng(0)
+    x, y = (of + rng.uniform(0.1, 0.9, len(pixel)) for of in (pixel % 20, pixel // 20))
+    once = samples.replace(x=x, y=y, layer=np.zeros(len(x), np.uint8), weight=np.full(len(x), 0.2))
+    assert once.spp == 5
+    # All have two shares.
+    part = rng.uniform(0.1, 0.9, len(x))
+    twice = {name: np.repeat(getattr(once, name), 2, axis=0) for name in ("x", "y", "rgb", "z")}
+    twice |= {name: np.repeat(getattr(once, name), 2) for name in ("alpha", "surface", "layer")}
+    both = once.replace(**twice, weight=0.2 * np.stack([part, 1 - part], axis=1).ravel())
+    assert both.spp == 5
