@@ -26,7 +26,7 @@ LEAST_RANGE = 1e-3
 LEAST_WANTED = 1e-9
 """Pixels that want so small a part of what others do get nothing."""
 
-STEPS = 40
+STEPS = 24
 """Bisections by which the number of samples is met."""
 
 R2 = (0.7548776662466927, 0.5698402909980532)
@@ -59,8 +59,10 @@ def pixel_score(rgb: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
     s² is the sum over the colours. It is not finite where radiance is not.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # Infinite radiance is dropped later.
-        apart = rgb - rgb.mean(axis=1, keepdims=True)
-        return (np.einsum("nsc,nsc->ns", apart, apart) * sharpness).mean(axis=1)
+        # Sums by einsum take a tenth of the time of means.
+        count = rgb.shape[1]
+        apart = rgb - np.einsum("nsc->nc", rgb)[:, None] / count
+        return np.einsum("nsc,nsc,ns->n", apart, apart, sharpness) / count
 
 
 def further_sets(score: np.ndarray, share: float) -> np.ndarray:
