@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -18,7 +18,6 @@ PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
 
 PAPERS_THRESHOLD = 25 / 255
 """Difference of intensities from which the paper subdivides a square: 25 steps of 8 bits."""
-
 
 REFINE = 0.25
 """Further samples, as a share of the even ones: twice as many bring little more."""
@@ -111,7 +110,7 @@ class Sampling:
     @property
     def foci(self) -> tuple[float, float] | None:
         """The ``focus_range`` as two numbers."""
-        return None if self.focus_range is None else _focus_range(self.focus_range)
+        return cast("tuple[float, float] | None", self.focus_range)  # read when this was made
 
 
 def _focus_range(value: Any) -> tuple[float, float]:
