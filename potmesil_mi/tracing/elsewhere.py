@@ -120,7 +120,7 @@ class _Finder:
         point = turn >> mi.UInt32(32 - int(math.log2(VISIBILITY_POINTS)))
         ray, _ = self._ray(position, point)
         lesser = None if lobe is None else from_numpy(mi.UInt32, lobe)
-        visible = self.rays.visible(mi.Ray3f(ray), lesser)
+        visible = self.rays.visible(mi.Ray3f(ray), lesser, coherent=False)
         image = VirtualImage.of(ray, visible, self.rays)
         new = visible.through_window
         if lesser is not None:

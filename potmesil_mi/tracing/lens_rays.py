@@ -155,12 +155,12 @@ class LensRays:
     def _is_blocked(self, ray: mi.Ray3f, active: mi.Bool) -> mi.Bool:
         """Whether anything lies on ``ray``."""
         if self.rays.all_block:
-            return self.rays.scene.ray_test(ray, coherent=True, active=active)
+            return self.rays.scene.ray_test(ray, active=active)
 
         def step(
             going: mi.Bool, blocked: mi.Bool, ray: mi.Ray3f
         ) -> tuple[mi.Bool, mi.Bool, mi.Ray3f]:
-            hit = self.rays.scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=going)
+            hit = self.rays.scene.ray_intersect(ray, active=going)
             meets = going & hit.is_valid()
             passes = self.rays.lets_through(hit, meets)
             passed = hit.t + clearance(hit.p, hit.t)

@@ -208,7 +208,7 @@ def _met(rays: PrimaryRays, lens_rays: _FocusedRays) -> list[np.ndarray]:
     lens_ray.o = at_lens + start * point + near * per_depth
     lens_ray.d = per_depth / length
     lens_ray.maxt = dr.opaque(mi.Float, camera.far_clip - camera.near_clip) * length
-    visible = rays.visible(lens_ray)
+    visible = rays.visible(lens_ray, coherent=False)
     # Images before glass are all over the place: they count as if they were in it.
     first = rays.depth(visible.first)
     image = dr.select(visible.through_window, dr.maximum(visible.depth, first), visible.depth)

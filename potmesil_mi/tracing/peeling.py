@@ -40,10 +40,13 @@ VOTERS = 64
 """Samples, at least, that nine of ten cells of the film have: what few points of the lens see is
 found by few."""
 
+ENOUGH = 32
+"""If so many samples of a surface in a cell have looked for the lens in vain, all have."""
+
 FEWEST = 0.1
 """As large a part of the pixels may have fewer samples than are counted on."""
 
-USUALLY_MET = 8
+USUALLY_MET = 12
 """There is room for so many surfaces a ray; where that is too little, rays are followed again."""
 
 LEAST_ROOM = 1 << 21
@@ -136,12 +139,10 @@ def peeled(
     met = _met_behind(position, from_numpy(mi.Float, z), number, rays, steps)
     if dr.width(met.step) == 0:
         return Hidden.joined([])
-    # Only cells that have rays take memory, one for each step.
-    numbers, cells = np.unique(cells, return_inverse=True)
     cell = dr.gather(mi.UInt32, from_numpy(mi.UInt32, cells), met.ray)
-    sees = _sees(lens, met.target, cell * steps + met.step, len(numbers) * steps)
-    kept = dr.compress(sees)
-    of = met.target.number, met.step, met.start, met.z, met.surface
+    target = met.target(rays.begun_at(dr.gather(mi.Point2f, position, met.ray), 0), number)
+    kept = dr.compress(_sees(lens, target, cell, met.step, met.surface))
+    of = target.number, met.step, met.start, met.z, met.surface
     columns = [np.array(dr.gather(type(each), each, kept)) for each in of]
     order = np.lexsort((columns[1], columns[0]))
     ray, _, start, depth, surface = (column[order] for column in columns)
@@ -162,7 +163,9 @@ class _Met:
     ``ray``                       which of the rays that are followed meets it
     ``step``                      how many others it has met there before, behind the first
     ``start``, ``z``, ``surface``  as in :class:`Hidden`
-    ``target``                    what of it is to be seen
+    ``distance``                  how far along the ray it is, or the window that shows it, in scene
+                                  units from the ray's origin; ``inf`` where nothing is met
+    ``normal``                    its unit normal there
     ============================  ==========================================================
     """
 
@@ -171,7 +174,19 @@ class _Met:
     start: mi.Float
     z: mi.Float
     surface: mi.UInt32
-    target: Target
+    distance: mi.Float
+    normal: mi.Normal3f
+
+    def target(self, ray: mi.Ray3f, number: mi.UInt32) -> Target:
+        """What is to be seen of it from the lens: ``ray`` has met it, and ``number`` has all."""
+        met = dr.isfinite(self.distance)
+        return Target(
+            point=ray(dr.select(met, self.distance, 0)),
+            normal=self.normal,
+            direction=ray.d,
+            met=met,
+            number=dr.gather(mi.UInt32, number, self.ray),
+        )
 
 
 def _met_behind(
@@ -208,11 +223,11 @@ def _follow(
 
     def step(active: mi.Bool, start: mi.Float, met: mi.UInt32) -> tuple[Any, Any, Any]:
         ray = rays.begun_at(position, start)
-        visible = rays.visible(ray)
+        visible = rays.visible(ray, coherent=False)
         goes_on, passed = _passed(ray, start, visible)
         place = dr.scatter_inc(count, mi.UInt32(0), active)
-        surface, target = rays.surface_of(visible.hit), _target(ray, visible, number)
-        found = _Met(ray_index, met, start, visible.depth, surface, target)
+        surface, (distance, normal) = rays.surface_of(visible.hit), _shown_at(ray, visible)
+        found = _Met(ray_index, met, start, visible.depth, surface, start + distance, normal)
         dr.scatter(room, found, place, active & (place < capacity))
         return active & goes_on & (met + 1 < steps), passed, met + 1
 
@@ -237,40 +252,59 @@ def _passed(ray: mi.Ray3f, start: mi.Float, visible: Visible) -> tuple[mi.Bool, 
     return last.is_valid(), passed + clearance(last.p, passed)
 
 
-def _target(ray: mi.Ray3f, visible: Visible, number: mi.UInt32) -> Target:
-    """What is to be seen of what a primary ray meets: of an image, the window that shows it."""
+def _shown_at(ray: mi.Ray3f, visible: Visible) -> tuple[mi.Float, mi.Normal3f]:
+    """How far along a ray what it shows is, and its normal: of an image, the window's."""
     image, hit, first = visible.through_window, visible.hit, visible.first
+    point, normal = dr.select(image, first.p, hit.p), dr.select(image, first.n, hit.n)
     met = image | hit.is_valid()
-    point = dr.select(image, first.p, hit.p)
-    return Target(
-        point=dr.select(met, point, ray.o),
-        normal=dr.select(image, first.n, hit.n),
-        direction=mi.Vector3f(ray.d),
-        met=met,
-        number=mi.UInt32(number),
-    )
+    return dr.select(met, dr.dot(point - ray.o, ray.d), dr.inf), normal
 
 
-def _sees(lens: LensRays, target: Target, cell: mi.UInt32, cells: int) -> mi.Bool:
+def _sees(
+    lens: LensRays, target: Target, cell: mi.UInt32, step: mi.UInt32, surface: mi.UInt32
+) -> mi.Bool:
     """Whether any point of the lens sees each target, bool (N,), evaluated.
 
     Few points are tried first. Only where one of these sees anything in the same ``cell`` of the
-    film, of ``cells``, are the others: most of what is hidden is hidden from the whole lens, and
-    still more of where rays come out of things.
+    film that is as many steps behind, are the others, and not where enough of them have looked in
+    vain at the same side of the same ``surface``: most of what is hidden is hidden from the whole
+    lens, and still more of where rays come out of things.
     """
+    count = dr.width(target)
     comes_out = target.met & (dr.dot(target.normal, target.direction) > 0)
     few = dr.select(comes_out, mi.UInt32(1), mi.UInt32(FEW_POINTS))
-    sees = lens.see(target, dr.zeros(mi.UInt32, dr.width(target)), few)
-    seen = dr.zeros(mi.UInt32, cells)
-    dr.scatter(seen, mi.UInt32(1), cell, sees)
-    dr.eval(sees, seen, few)
-    again = dr.compress(~sees & (dr.gather(mi.UInt32, seen, cell) > 0))
+    sees = lens.see(target, dr.zeros(mi.UInt32, count), few)
+    dr.eval(target, few, comes_out, sees)
+    at_step = _Votes.of(cell, step, sees)
+    of_side = _Votes.of(cell, 2 * surface + dr.select(comes_out, mi.UInt32(1), 0), sees)
+    again = dr.compress(
+        ~sees & (at_step.seen > 0) & ((of_side.seen > 0) | (of_side.looked < ENOUGH))
+    )
     if dr.width(again) > 0:
         first = dr.gather(mi.UInt32, few, again)
         more = lens.see(dr.gather(Target, target, again), first, dr.opaque(mi.UInt32, LENS_POINTS))
         dr.scatter(sees, more, again)
-        dr.eval(sees)
     return sees
+
+
+@dataclasses.dataclass(frozen=True)
+class _Votes:
+    """How many targets there are of a kind in a cell of the film, and how many have been seen.
+
+    uint32, one element for each target. Kinds share a count now and then, by chance.
+    """
+
+    looked: mi.UInt32
+    seen: mi.UInt32
+
+    @classmethod
+    def of(cls, cell: mi.UInt32, kind: mi.UInt32, sees: mi.Bool) -> _Votes:
+        bins = 2 << dr.width(sees).bit_length()
+        place = mi.sample_tea_32(cell, kind)[0] & dr.opaque(mi.UInt32, bins - 1)
+        looked, seen = dr.zeros(mi.UInt32, bins), dr.zeros(mi.UInt32, bins)
+        dr.scatter_add(looked, mi.UInt32(1), place)
+        dr.scatter_add(seen, mi.UInt32(1), place, sees)
+        return cls(dr.gather(mi.UInt32, looked, place), dr.gather(mi.UInt32, seen, place))
 
 
 def cells_of(x: np.ndarray, y: np.ndarray, samples: int = VOTERS) -> np.ndarray:

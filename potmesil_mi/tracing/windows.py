@@ -112,7 +112,7 @@ def meets_end(
     direction, within the tolerance in radians times ``spread``. What is rough shows its image all
     over: any point of the shape is the end.
     """
-    hit = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
+    hit = scene.ray_intersect(ray, active=active)
     start = _Walk(
         active=may_go_on(hit) & active,
         count=mi.UInt32(0),

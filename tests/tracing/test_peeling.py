@@ -16,7 +16,6 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 
 COLUMNS = ("x", "y", "rgb", "alpha", "z", "surface", "weight")
 NO_OVERSCAN = pm.Sampling(overscan=0, refine=0)
-STEPS = peeling.SIDES * NO_OVERSCAN.layers - 1
 CHECKS = {
     "type": "checkerboard",
     "color0": {"type": "rgb", "value": [0.2, 0.4, 0.7]},
@@ -350,23 +349,37 @@ def test_where_there_was_too_little_room_rays_are_followed_again(monkeypatch):
         np.testing.assert_array_equal(getattr(samples, name), getattr(expected, name))
 
 
-def test_only_cells_with_rays_take_memory_for_their_votes(monkeypatch):
-    """Two small things far apart, with nothing to look behind between them."""
-    small = {
-        "near": plain(-0.55, -0.5, 1.5, height=0.05),
-        "other": plain(0.5, 0.55, 1.5, height=0.6),
-    }
-    scene = shown(f_number=0.8, far=glowing(-9, 9, 4.0, height=20.0), **small)
-    sees, taken = peeling._sees, []
+class FakeLens:
+    """Its first points see what is told; the others are only counted."""
 
-    def seen(lens, target, cell, cells):
-        taken.append((cells, len(np.unique(np.array(cell) // STEPS))))
-        return sees(lens, target, cell, cells)
+    def __init__(self, sees):
+        self.sees, self.again = sees, []
 
-    monkeypatch.setattr(peeling, "_sees", seen)
-    pm.render_samples(scene, sampling=NO_OVERSCAN)
-    ((cells, with_rays),) = taken
-    assert cells == with_rays * STEPS
+    def see(self, target, first, end):
+        if not self.again:
+            self.again.append(0)
+            return mi.Bool(self.sees)
+        self.again[0] = dr.width(target)
+        return dr.full(mi.Bool, True, dr.width(target))
+
+
+@pytest.mark.parametrize(("in_vain", "again"), [(31, 31 + 9), (32, 9)])
+def test_enough_samples_that_look_in_vain_speak_for_all_of_their_surface(in_vain, again):
+    """One of ten samples of a surface is seen, and none of those of another beside it."""
+    surface = np.repeat([1, 2], [10, in_vain])
+    sees = np.arange(len(surface)) == 3
+    zero = dr.zeros(mi.UInt32, len(surface))
+    target = peeling.Target(
+        point=dr.zeros(mi.Point3f, len(surface)),
+        normal=mi.Normal3f(0, 0, -1),
+        direction=mi.Vector3f(0, 0, 1),
+        met=dr.full(mi.Bool, True, len(surface)),
+        number=zero,
+    )
+    lens = FakeLens(sees)
+    kept = np.array(peeling._sees(lens, target, zero, zero, mi.UInt32(surface)))
+    assert lens.again == [again]
+    np.testing.assert_array_equal(kept, (surface == 1) | (in_vain < peeling.ENOUGH))
 
 
 def test_one_layer_gives_no_hidden_samples():
