@@ -26,6 +26,7 @@ SAMPLING_OPTIONS = {
     "virtual_depth": "images in mirrors and glass have their own depth (default: yes)",
     "refine": "further samples where radiance varies, as a share of all (default 0.25)",
     "focus_range": "nearest and farthest distance that will be focused on (default: any)",
+    "clamp": "most radiance of a sample that shows no lamp (default: any)",
     "features": "samples keep albedo and normal, to be denoised later (default: as --denoise says)",
 }
 """Help of the options that are fields of ``Sampling``."""
@@ -62,6 +63,7 @@ METAVARS = {
     "min_f_number": "N",
     "refine": "SHARE",
     "focus_range": "NEAR/FAR",
+    "clamp": "RADIANCE",
     "f_number": "N",
     "aperture_radius": "R",
     "focus_distance": "U",

@@ -63,7 +63,8 @@ class FocusIntegrator(WrapperIntegrator):
        - |bool|
        - Denoise the samples before they are focused, for which ``features`` are kept: see
          :meth:`potmesil_mi.PointSamples.denoised`. Needs the extra ``denoise``. (Default: false)
-     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth, features
+     * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth, features,
+         clamp
        - |string|, |float|, |int|, |bool|
        - What is sampled, as for ``point_samples``.
      * - refine, focus_range

@@ -82,6 +82,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - |bool|
        - Samples keep albedo and normal, for a denoiser. Not in the film's channels.
          (Default: false)
+     * - clamp
+       - |float|
+       - Most radiance of a sample, in any colour, that shows no lamp and not the sky, > 0:
+         brighter ones are scaled down to it. (Default: no limit)
     """
 
     plugin = "point_samples"

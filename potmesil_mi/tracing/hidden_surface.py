@@ -21,6 +21,7 @@ from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .elsewhere import seen_elsewhere
+from .fireflies import Fireflies
 from .lens_rays import LensRays
 from .lobes import part_lobes
 from .onward import has_specular
@@ -128,8 +129,12 @@ def _sampled(
     else:
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
-    visible = sample_visible(rays, window, sampling)
+    fireflies = Fireflies.of(scene, ids, sampling.clamp)
+    visible = sample_visible(rays, window, sampling, fireflies)
     columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers)
+    rgb = fireflies.clamped(columns.rgb, columns.surface, columns.z)
+    columns = dataclasses.replace(columns, rgb=rgb)
+    fireflies.warn(columns, crop)
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
         camera=sensor.camera(),

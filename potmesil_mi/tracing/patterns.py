@@ -19,6 +19,7 @@ from ..optics.lens import ThinLens
 from ..optics.summed_area import summed_area
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, to_host
+from .fireflies import Fireflies
 from .passes import gathered, wavefronts
 from .rays import PrimaryRays
 from .refinement import further_sets, mean_sharpness, pixel_score
@@ -47,10 +48,15 @@ class VisibleSamples:
     lattice: int
 
 
-def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> VisibleSamples:
-    """Sample what the pinhole sees of ``window``, by the pattern of ``sampling``."""
+def sample_visible(
+    rays: PrimaryRays, window: Window, sampling: Sampling, fireflies: Fireflies
+) -> VisibleSamples:
+    """Sample what the pinhole sees of ``window``, by the pattern of ``sampling``.
+
+    ``fireflies`` that are clamped call for no further samples; they are not clamped yet.
+    """
     if sampling.pattern == "sampler":
-        return _by_sampler(rays, window, sampling)
+        return _by_sampler(rays, window, sampling, fireflies)
     uniform = sampling.pattern == "uniform"
     lattice = PAPERS_LATTICE if uniform else 1 << sampling.subdivisions
 
@@ -71,7 +77,9 @@ def sample_visible(rays: PrimaryRays, window: Window, sampling: Sampling) -> Vis
 # ---------------------------------------------------------------- by the sampler
 
 
-def _by_sampler(rays: PrimaryRays, window: Window, sampling: Sampling) -> VisibleSamples:
+def _by_sampler(
+    rays: PrimaryRays, window: Window, sampling: Sampling, fireflies: Fireflies
+) -> VisibleSamples:
     """``spp`` samples in each pixel where the sampler puts them, pixel by pixel.
 
     Far beyond the crop window there are as many in each of larger cells. Then come the further ones
@@ -84,7 +92,7 @@ def _by_sampler(rays: PrimaryRays, window: Window, sampling: Sampling) -> Visibl
     for cells in parts:
         _sample_cells(buffer, rays, cells, cells.area / spp)
     if sampling.refine > 0:
-        _refine(buffer, rays, parts[0], sampling)
+        _refine(buffer, rays, parts[0], sampling, fireflies)
     return VisibleSamples(buffer, 0)
 
 
@@ -102,7 +110,13 @@ def _sample_cells(
         buffer.add(x, y, shown, np.repeat(weight[part], spp), layer=0)
 
 
-def _refine(buffer: SampleBuffer, rays: PrimaryRays, pixels: Cells, sampling: Sampling) -> None:
+def _refine(
+    buffer: SampleBuffer,
+    rays: PrimaryRays,
+    pixels: Cells,
+    sampling: Sampling,
+    fireflies: Fireflies,
+) -> None:
     """Add further sets of samples to the ``pixels`` of the crop window, which come first.
 
     All samples of a pixel then count the same.
@@ -114,7 +128,9 @@ def _refine(buffer: SampleBuffer, rays: PrimaryRays, pixels: Cells, sampling: Sa
     score = np.empty(len(pixels))
     for part in wavefronts(len(pixels), spp):
         here = slice(part.start * spp, part.stop * spp)
-        rgb, z = columns.rgb[here].reshape(-1, spp, 3), columns.z[here].reshape(-1, spp)
+        rgb, z = columns.rgb[here], columns.z[here]
+        rgb = fireflies.clamped(rgb, columns.surface[here], z).reshape(-1, spp, 3)
+        z = z.reshape(-1, spp)
         score[part] = pixel_score(rgb, mean_sharpness(z, scale, sampling.foci))
     size = rays.crop.height, rays.crop.width
     sets = further_sets(score.reshape(size), sampling.refine).ravel()

@@ -67,6 +67,11 @@ class Sampling:
                                   :meth:`potmesil_mi.PointSamples.denoised` tells detail from noise
                                   (default: no); what is seen in mirrors and through glass has
                                   its own, with ``virtual_depth``
+    ``clamp``                     most radiance of a sample, in any of R, G and B, > 0: brighter
+                                  ones are scaled down to it, unless they show a lamp or the sky.
+                                  That makes pictures darker, and takes away single samples that
+                                  a lens makes bright discs of; a warning tells of these. By
+                                  default there is no limit
     ============================  ==========================================================
 
     On the grids of ``uniform`` and ``adaptive`` N samples a pixel are N paths averaged at each
@@ -83,6 +88,7 @@ class Sampling:
     refine: float = REFINE
     focus_range: tuple[float, float] | str | None = None
     features: bool = False
+    clamp: float | None = None
 
     def __post_init__(self) -> None:
         if self.pattern not in PATTERNS:
@@ -104,6 +110,10 @@ class Sampling:
             if not isinstance(value, (bool, np.bool_)):
                 raise TypeError(f"{name}={value!r}: must be True or False")
         require_number("refine", self.refine, 0, MOST_REFINE)
+        if self.clamp is not None:
+            require_number("clamp", self.clamp, 0)
+            if self.clamp == 0:
+                raise ValueError(f"clamp={self.clamp}: must be > 0")
         if self.focus_range is not None:
             object.__setattr__(self, "focus_range", _focus_range(self.focus_range))
 

@@ -39,6 +39,12 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
     return mi.UInt32(table), {id_: name for id_, (name, _) in enumerate(named, 1)}
 
 
+def emitter_ids(scene: mi.Scene, table: mi.UInt32) -> np.ndarray:
+    """Ids of the surfaces that are lamps, uint32 (N,), by the table of :func:`surface_ids`."""
+    lamps = np.array(scene.shapes_dr().is_emitter())
+    return np.array(table)[_indices(scene)[lamps]]
+
+
 def bsdf_flags(scene: mi.Scene) -> np.ndarray:
     """The flags of the BSDFs of :func:`every_shape`."""
     return np.array(every_shape(scene).bsdf().flags())

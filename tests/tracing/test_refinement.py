@@ -105,6 +105,7 @@ def test_the_same_seed_gives_the_same_samples(variant_llvm):
     np.testing.assert_array_equal(one.rgb, again.rgb)
 
 
+@pytest.mark.filterwarnings("ignore:radiance")
 def test_pictures_are_no_darker_on_the_average(variant_llvm):
     # A lamp so small that few paths find it: the brightest pixels are the luckiest ones.
     lamp = {
