@@ -157,12 +157,12 @@ def taken(subject: Subject, spp: int, repeats: int) -> tuple[dict[str, np.ndarra
     pictures = {
         NEITHER: np.array(pm.focus(samples)),
         BEFORE: np.array(pm.focus(made[0])),
-        **through_thinlens(subject, spp),
     }
+    pictures["thinlens"], pictures[AFTER] = denoised_after(subject, spp, seed=1)
     return pictures, seconds
 
 
-def through_thinlens(subject: Subject, spp: int) -> dict[str, np.ndarray]:
+def denoised_after(subject: Subject, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """What `thinlens` shows, and that denoised."""
     import mitsuba_oidn
 
@@ -175,14 +175,14 @@ def through_thinlens(subject: Subject, spp: int) -> dict[str, np.ndarray]:
         }
     )
     channels = np.array(
-        mi.render(subject.scene, sensor=sensor, integrator=with_features, spp=spp, seed=1)
+        mi.render(subject.scene, sensor=sensor, integrator=with_features, spp=spp, seed=seed)
     )
     rgb, albedo, normal = (
         np.ascontiguousarray(channels[..., part]) for part in (np.s_[:3], np.s_[-6:-3], np.s_[-3:])
     )
     albedo = np.clip(np.nan_to_num(albedo), 0, 1)
     after = mitsuba_oidn.denoise(rgb, albedo, np.nan_to_num(normal), hdr=True)
-    return {"thinlens": rgb, AFTER: np.array(after)}
+    return rgb, np.array(after)
 
 
 def write_crop(subject: Subject, spp: int, pictures: dict[str, np.ndarray], halves: Halves) -> None:

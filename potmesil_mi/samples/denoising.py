@@ -5,7 +5,7 @@ a pixel that show one surface are a *group*, be they visible or hidden, and an i
 in each pixel. The first image shows what is seen most of. A group that it does not show gets what
 is denoised of its surface in the pixels beside its own, so that nothing is carried over an edge.
 What is seen most of nowhere near, such as a hidden thing, is shown by further images, and around it
-what the first shows.
+what the first shows. A few groups that none shows are left alone.
 
 What is denoised is the irradiance: radiance over albedo, as a ratio of sums over the group, so that
 textures are not in it. Normals tell edges, and a grey for each surface those between parallel ones.
@@ -34,6 +34,7 @@ import scipy.ndimage
 
 from .._progress import track
 from .columns import Columns
+from .grouping import grouped
 from .raster import Window
 
 LEAST_ALBEDO = 0.01
@@ -50,7 +51,11 @@ NOISE = 0.5
 """Share of the variance within pixels that noise shows between them, at least."""
 
 MOST_SURFACES = 6
-"""Surfaces of a pixel, behind and beside each other, that are denoised; any more are left alone."""
+"""Images that are denoised. What else there is in a pixel, behind and beside each other, is left
+alone."""
+
+LEAST_SHOWN = 0.005
+"""For groups in a smaller part of the pixels there is no further image."""
 
 DARKEST = 1e-3
 """Irradiance that differences are relative to at least, to the root mean square of the image's."""
@@ -104,15 +109,20 @@ def denoised_radiance(samples: Columns, window: Window) -> np.ndarray:
     blend = Blend.left_alone(groups)
     first = _first_image(groups, window)
     is_first = first.ravel()[groups.pixel] == np.arange(len(groups.pixel))
-    denoised = _denoised(oidn, groups, first)
-    blend.put(denoised, groups, first, np.flatnonzero(is_first))
+    image, new = first, np.flatnonzero(is_first)
     rest = np.flatnonzero(~is_first & groups.is_known)
-    found, beside = _beside(groups, first, denoised, rest)
-    for shown, new in _more_images(groups, first, rest[found]):
-        denoised.reshape(-1, 3)[groups.pixel[new]] = beside[np.searchsorted(rest, new)]
-        blend.put(denoised, groups, shown, new)
-    for shown, new in track(list(_more_images(groups, first, rest[~found])), LABEL):
-        blend.put(_denoised(oidn, groups, shown), groups, shown, new)
+    for _ in track(range(MOST_SURFACES), LABEL):
+        denoised = _denoised(oidn, groups, image)
+        blend.put(denoised, groups, image, new)
+        found, beside = _beside(groups, image, denoised, rest)
+        for shown, new in _more_images(groups, first, rest[found]):
+            denoised.reshape(-1, 3)[groups.pixel[new]] = beside[np.searchsorted(rest, new)]
+            blend.put(denoised, groups, shown, new)
+        rest = rest[~found]
+        if len(rest) <= LEAST_SHOWN * window.size:
+            break
+        image, new = next(_more_images(groups, first, rest))
+        rest = np.setdiff1d(rest, new)
     return blend.radiance(groups, samples.rgb, albedo)
 
 
@@ -164,7 +174,7 @@ class Groups:
         assert columns.normal is not None
         known = _has_surface(columns)
         kind = _kinds(columns, known)
-        of, first = _numbered(pixel * (int(kind.max()) + 1) + kind)
+        of, first = grouped(pixel * (int(kind.max()) + 1) + kind)
         count, weight = len(first), columns.weight.astype(np.float64)
 
         def summed(values: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
@@ -202,21 +212,9 @@ def _kinds(columns: Columns, known: np.ndarray) -> np.ndarray:
 
     A thing and its image in a mirror are apart, and so is the back of a lamp from its front.
     """
-    _, surface = np.unique(columns.surface, return_inverse=True)
+    surface, _ = grouped(columns.surface)
     images = np.zeros(len(surface), bool) if columns.through is None else columns.through > 0
     return np.asarray((surface * 2 + images) * 2 + known)
-
-
-def _numbered(key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The number of the group of each sample, int64 (N,), and the first sample of each group.
-
-    Samples of a group have the same ``key``, int64 (N,).
-    """
-    order = np.argsort(key, kind="stable")
-    begins = np.diff(key[order], prepend=-1) != 0
-    number = np.empty_like(order)
-    number[order] = np.cumsum(begins) - 1
-    return number, order[begins]
 
 
 # ---------------------------------------------------------------- images
@@ -248,7 +246,7 @@ def _more_images(
     place = np.arange(len(rest))
     begins = np.diff(groups.pixel[rest], prepend=-1) != 0
     place -= np.maximum.accumulate(np.where(begins, place, 0))
-    for number in range(min(int(place.max(initial=-1)) + 1, MOST_SURFACES - 1)):
+    for number in range(int(place.max(initial=-1)) + 1):
         new = rest[place == number]
         shown = first.copy()
         shown.ravel()[groups.pixel[new]] = new

@@ -14,6 +14,7 @@ import scipy.optimize
 from .._backend import from_numpy
 from ..optics.disc import lens_points
 from ..samples.columns import VISIBILITY_POINTS, visibility_points
+from ..samples.grouping import grouped
 from .lens_rays import TURN, LensRays
 from .passes import wavefronts
 from .rays import PrimaryRays
@@ -87,7 +88,7 @@ def visibility_of(
     """
     number = np.arange(len(x), dtype=np.uint32)
     few = seen_by_some(image, number, lens, FEW_POINTS)
-    _, cell = np.unique(cell, return_inverse=True)
+    cell, _ = grouped(cell)
     is_partly = np.bincount(cell, few != _tried(number, FEW_POINTS)) > 0
     found, partly = np.full(len(x), ALL, np.uint64), np.flatnonzero(is_partly[cell])
     if len(partly) > 0:
@@ -129,8 +130,8 @@ def seen_by(
     surfaces = mi.UInt64(chain.shape) << 32 | mi.UInt64(chain.lobes << 6 | chain.turns)
     column, row = (np.floor(at - at.min()).astype(np.uint64) for at in (x, y))
     pixel = row * (column.max() + 1) + column
-    _, pixel = np.unique(pixel, return_inverse=True)
-    _, kind = np.unique(np.array(surfaces), return_inverse=True)
+    pixel, _ = grouped(pixel)
+    kind, _ = grouped(np.array(surfaces))
     return _told(seen, number, count, pixel * (int(kind.max()) + 1) + kind)
 
 

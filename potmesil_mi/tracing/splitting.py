@@ -20,6 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..samples.columns import TWINS
+from ..samples.grouping import grouped
 from . import veils
 from .buffers import SampleBuffer, Shown, Traced
 from .onward import LEAST_THROUGH
@@ -177,7 +178,7 @@ def _pixels(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _means(light: np.ndarray, weight: np.ndarray, key: np.ndarray) -> np.ndarray:
     """The weighted mean of the ``light``, (N, 4), of all that has the same key, for each."""
-    _, same = np.unique(key, return_inverse=True)
+    same, _ = grouped(key)
     total = np.bincount(same, weight)
     means = [np.bincount(same, weight * column) / total for column in light.T]
     return np.stack(means, axis=1)[same]
