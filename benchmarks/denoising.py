@@ -36,6 +36,7 @@ from visibility import CASES
 
 import potmesil_mi as pm
 from potmesil_mi.evaluation import thinlens_sensor
+from potmesil_mi.evaluation.thinlens import FEATURES, denoised_picture
 
 FOLDER = common.OUTPUT / "denoising"
 ENLARGED = 4
@@ -164,25 +165,12 @@ def taken(subject: Subject, spp: int, repeats: int) -> tuple[dict[str, np.ndarra
 
 def denoised_after(subject: Subject, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """What `thinlens` shows, and that denoised."""
-    import mitsuba_oidn
-
     sensor = thinlens_sensor(subject.sensor, sampler=subject.sampler, spp=spp)
-    with_features = mi.load_dict(
-        {
-            "type": "aov",
-            "aovs": "albedo:albedo,normal:sh_normal",
-            "picture": subject.integrator,
-        }
-    )
+    with_features = mi.load_dict({**FEATURES, "picture": subject.integrator})
     channels = np.array(
         mi.render(subject.scene, sensor=sensor, integrator=with_features, spp=spp, seed=seed)
     )
-    rgb, albedo, normal = (
-        np.ascontiguousarray(channels[..., part]) for part in (np.s_[:3], np.s_[-6:-3], np.s_[-3:])
-    )
-    albedo = np.clip(np.nan_to_num(albedo), 0, 1)
-    after = mitsuba_oidn.denoise(rgb, albedo, np.nan_to_num(normal), hdr=True)
-    return rgb, np.array(after)
+    return channels[..., :3], denoised_picture(channels)
 
 
 def write_crop(subject: Subject, spp: int, pictures: dict[str, np.ndarray], halves: Halves) -> None:

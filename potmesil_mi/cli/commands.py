@@ -156,6 +156,7 @@ examples:
   potmesil compare scenes/figure11.xml -D res=256 -o figure11
   potmesil compare scenes/terrace.xml -D width=384 -D height=256 --spp 64 -o output/
   potmesil compare kitchen.xml --f-number 2 --focus-distance 1.2 --reference-floor 55
+  potmesil compare kitchen.xml --f-number 2 --spp 4 --denoise --budget 120
 
 Writes focused, thinlens, reference and difference, each as .exr and .png; thinlens is that of about
 equal error, or of equal samples where its error stays the larger; difference is that of focused and
@@ -165,8 +166,9 @@ reference, x {difference_factor:g}. Needs pip install 'potmesil_mi[compare]'.
 
 def compare_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil compare``; returns the examples."""
-    from ..evaluation.comparison import DIFFERENCE_FACTOR
+    from ..evaluation.comparison import BUDGET
     from ..evaluation.reference import FLOOR_MARGIN, REFERENCE_SPP
+    from ..evaluation.report import DIFFERENCE_FACTOR
 
     command.add_argument(
         "-o", "--output", metavar="FOLDER|PREFIX",
@@ -184,6 +186,11 @@ def compare_options(command: argparse.ArgumentParser) -> str:
         help="PSNR of the reference's own noise at which it is done (default: "
         f"{FLOOR_MARGIN:g} dB above the focused picture's)",
     )  # fmt: skip
+    command.add_argument(
+        "--budget", type=float, metavar="SECONDS", default=BUDGET,
+        help="for all that thinlens renders, about (default %(default)g)",
+    )  # fmt: skip
+    add_denoise(command, "what the scene's integrator says")
     add_sampling(command)
     add_lens(command)
     add_method(command)
@@ -192,18 +199,20 @@ def compare_options(command: argparse.ArgumentParser) -> str:
 
 def against_thinlens(options: argparse.Namespace) -> None:
     """``potmesil compare``: the focused picture beside a ray-traced one."""
-    from ..evaluation.comparison import compare, output_paths
+    from ..evaluation.comparison import compare
     from ..evaluation.metrics import require_extra
+    from ..evaluation.report import output_paths
     from ..plugins.settings import FocusSettings
 
     require_extra()
     if options.output:
         output_paths(options.output)
-    method = given_method(options)
+    method, denoise = given_method(options), bool(options.denoise)
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
     if isinstance(integrator, FocusSettings):
         method = given_method(options, integrator.method)
+        denoise = integrator.denoise if options.denoise is None else denoise
     comparison = compare(
         scene,
         sensor,
@@ -212,6 +221,8 @@ def against_thinlens(options: argparse.Namespace) -> None:
         sampling=given_sampling(options, integrator),
         reference_spp=options.reference_spp,
         reference_floor=options.reference_floor,
+        budget=options.budget,
+        denoise=denoise,
         method=method,
     )
     console = _console()

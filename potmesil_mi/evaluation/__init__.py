@@ -1,6 +1,7 @@
 """How good a picture is and how long it takes, beside a ray-traced lens."""
 
-from .comparison import Comparison, Rendering, compare
+from .comparison import compare
+from .report import Comparison, Rendering
 from .search import EqualError
 from .thinlens import thinlens_sensor
 

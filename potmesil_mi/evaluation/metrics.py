@@ -16,6 +16,9 @@ import numpy as np
 PIXELS_PER_DEGREE = 67.0
 """Pixels of the screen in a degree of the viewer's sight, for FLIP: its authors' default."""
 
+BLOCK = 16
+"""Pixels on a side of a block that has noise of its own."""
+
 SSIM_WINDOW = 11
 """Pixels on a side of the window of SSIM, which a picture must cover."""
 
@@ -24,6 +27,23 @@ def mean_square(picture: Any, reference: Any) -> float:
     """Mean squared difference, whole frame, all channels alike."""
     a, b = _clipped(picture, reference)
     return float(np.mean(np.square(a - b)))
+
+
+def mean_product(pictures: tuple[Any, Any], references: tuple[Any, Any]) -> tuple[float, float]:
+    """The mean squared error that two pictures have in common, and its standard error.
+
+    The pictures differ by noise alone, and so do the references, all of it independent: the mean
+    of (a - r)(b - s) is free of it. It may be negative.
+    """
+    products = [
+        np.multiply(*(np.subtract(*_clipped(*pair)) for pair in zip(pictures, order, strict=True)))
+        for order in (references, references[::-1])
+    ]
+    mean = np.mean(products, axis=(0, 3))
+    # Noise is alike in pixels next to each other: means of blocks are independent.
+    rows, columns = (range(0, side, BLOCK) for side in mean.shape)
+    blocks = [mean[row : row + BLOCK, at : at + BLOCK].mean() for row in rows for at in columns]
+    return float(mean.mean()), float(np.std(blocks)) / math.sqrt(max(len(blocks) - 1, 1))
 
 
 def decibels(mean_squared_error: float) -> float:

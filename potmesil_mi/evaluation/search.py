@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from . import metrics
-from .timing import Measured
+from .timing import NEVER, Deadline, Measured, measuring
 
 SMALLEST = 1e-30
 """In the place of an error of 0, which has no logarithm."""
@@ -84,14 +84,18 @@ class Search:
         self.measure, self.rounded_up, self.reference = measure, rounded_up, reference
         self.points: dict[int, SearchPoint] = {}
 
-    def run(self, error: float, start: int, most: int) -> Found:
+    def run(self, error: float, start: int, most: int, deadline: Deadline = NEVER) -> Found:
         """Double or halve the count from ``start`` until ``error`` is between two, up to ``most``.
 
         Then one more in between, where the error should be reached by a straight line in
-        logarithms.
+        logarithms. No larger count is measured that would miss the ``deadline``.
         """
         first = low = high = self.at(start)
-        while high.mean_square > error and self.rounded_up(2 * high.spp) <= most:
+        while (
+            high.mean_square > error
+            and self.rounded_up(2 * high.spp) <= most
+            and deadline.allows(measuring(2 * high.seconds))
+        ):
             low, high = high, self.at(2 * high.spp)
         while low.mean_square <= error and (below := self.fewer_than(low.spp)) is not None:
             low, high = below, low
@@ -102,7 +106,8 @@ class Search:
         if low.mean_square <= error:
             needed = EqualError(low.spp, low.seconds, "<=")
             return Found(first, low, needed, (0.0, needed.seconds))
-        between = self.between(low, high, _crossing(low, high, error)[0])
+        spp, seconds = _crossing(low, high, error)
+        between = self.between(low, high, spp) if deadline.allows(measuring(seconds)) else None
         if between is not None:
             low, high = (low, between) if between.mean_square <= error else (between, high)
         needed = EqualError(*_crossing(low, high, error))

@@ -12,7 +12,11 @@ import numpy as np
 
 from ..optics.disc import Disc
 from ..optics.lens import ThinLens
+from ..samples.denoising import require_extra
 from ..tracing.sensor import is_orthographic, potmesil_sensor
+
+FEATURES = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
+"""The integrator of what a denoiser goes by; another one in it gives the radiance."""
 
 SAMPLERS = ("multijitter", "orthogonal", "ldsampler")
 """Mitsuba's samplers among which the best one for ``thinlens`` is looked for."""
@@ -81,6 +85,7 @@ class ThinlensRenderer:
     ``scene``, ``integrator``     what is rendered, and what gives the radiance
     ``sensor``                    a ``potmesil`` sensor
     ``seed``                      of all pictures; each is also told a number of its own
+    ``denoise``                   whether pictures through the lens are denoised
     ============================  ==========================================================
     """
 
@@ -88,28 +93,55 @@ class ThinlensRenderer:
     integrator: mi.Integrator
     sensor: mi.Sensor
     seed: int
+    denoise: bool = False
 
     def through_lens(self, sampler: str, spp: int, number: int) -> np.ndarray:
         """Linear RGB, (height, width, 3), of ``spp`` samples a pixel of a sampler."""
         equivalent = thinlens_sensor(self.sensor, sampler=sampler, spp=spp)
-        return self._render(equivalent, self.seed + 1 + number)
+        if not self.denoise:
+            return self._render(equivalent, self.seed + 1 + number)
+        with_features = mi.load_dict({**FEATURES, "picture": self.integrator})
+        channels = self._render(equivalent, self.seed + 1 + number, with_features)
+        return denoised_picture(channels)
 
     def for_reference(self, spp: int, number: int) -> np.ndarray:
         """A picture that goes into the reference; its numbers are none of the others'."""
-        return self.through_lens(SAMPLERS[0], spp, 1000 + number)
+        equivalent = thinlens_sensor(self.sensor, sampler=SAMPLERS[0], spp=spp)
+        return self._render(equivalent, self.seed + 1001 + number)
 
     def pinhole(self, spp: int, number: int) -> np.ndarray:
         """The picture that is not focused at all."""
         closed = self.sensor.lens().replace(aperture_radius=0)
         return self._render(thinlens_sensor(self.sensor, closed, spp=spp), self.seed + number)
 
-    def _render(self, sensor: mi.Sensor, seed: int) -> np.ndarray:
+    def _render(
+        self, sensor: mi.Sensor, seed: int, integrator: mi.Integrator | None = None
+    ) -> np.ndarray:
         spp = sensor.sampler().sample_count()
         with _without_warnings():
             picture = mi.render(
-                self.scene, sensor=sensor, integrator=self.integrator, spp=spp, seed=seed % 2**32
+                self.scene,
+                sensor=sensor,
+                integrator=integrator or self.integrator,
+                spp=spp,
+                seed=seed % 2**32,
             )
         return np.array(picture)
+
+
+def denoised_picture(channels: np.ndarray) -> np.ndarray:
+    """Linear RGB, (H, W, 3), of a picture that an ``aov`` integrator with ``FEATURES`` renders.
+
+    It is denoised by Intel's Open Image Denoise, as :meth:`potmesil_mi.PointSamples.denoised` are,
+    by albedo and shading normal as the picture shows them. Raises ``ImportError`` without the extra
+    ``denoise``.
+    """
+    parts = np.s_[..., :3], np.s_[..., -6:-3], np.s_[..., -3:]
+    rgb, albedo, normal = (
+        np.ascontiguousarray(np.nan_to_num(channels[part], posinf=0, neginf=0)) for part in parts
+    )
+    result = require_extra().denoise(rgb, np.clip(albedo, 0, 1), normal, hdr=True)
+    return np.asarray(result)
 
 
 def sample_count(sampler: mi.Sampler, spp: int = 0) -> int:

@@ -6,8 +6,8 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
-from potmesil_mi.evaluation import metrics
-from potmesil_mi.evaluation.comparison import PICTURES, compare, output_paths
+from potmesil_mi.evaluation import compare, metrics
+from potmesil_mi.evaluation.report import PICTURES, output_paths
 from potmesil_mi.evaluation.thinlens import SAMPLERS
 from scenes import SCENES, papers_scene
 
@@ -83,6 +83,51 @@ def test_out_of_reach_is_said_so(variant_llvm):
     assert result.thinlens is result.equal_samples
     assert "more --reference-spp" in result.summary()
     assert f"needs more than {result.needed.spp:.3g} samples" in result.summary()
+
+
+def test_noise_and_bias_are_told_apart(comparison):
+    """Together they are the error, up to the noise of the reference."""
+    bias, error = comparison.bias
+    reference = 10 ** (-comparison.floor / 10)
+    total = comparison.noise + bias
+    assert comparison.focused.mean_square == pytest.approx(total, abs=4 * error + 2 * reference)
+    assert comparison.noise > 3 * error
+    decibels = f"{metrics.decibels(comparison.noise):.2f} dB (two seeds)"
+    assert decibels in comparison.summary()
+
+
+def test_more_samples_lower_the_noise_and_not_the_bias(variant_llvm):
+    few, many = (
+        compare(papers_scene(res=32), spp=spp, reference_spp=1024, budget=0.0, **OPTIONS)
+        for spp in (4, 64)
+    )
+    assert many.noise < few.noise / 4
+
+
+def test_without_time_as_little_is_rendered_as_can_be(variant_llvm):
+    result = compare(papers_scene(res=16), spp=256, budget=0.0, **OPTIONS)
+    assert result.reference_spp == 128
+    assert result.needed.spp <= 1024  # to which a sampler rounds the 320 up
+    assert "more --reference-spp or --budget" in result.summary()
+
+
+def test_denoised_is_compared_with_denoised(variant_llvm):
+    pytest.importorskip("mitsuba_oidn")
+    result = compare(papers_scene(res=32), spp=4, reference_spp=256, denoise=True)
+    plain = compare(papers_scene(res=32), spp=4, reference_spp=256)
+    assert plain.denoising is None
+    assert result.denoising > 0
+    assert result.first_picture > result.denoising
+    assert not np.allclose(result.focused.picture, plain.focused.picture, atol=1e-3)
+    assert not np.allclose(result.equal_samples.picture, plain.equal_samples.picture, atol=1e-3)
+    np.testing.assert_allclose(result.pinhole.picture, plain.pinhole.picture)
+    assert "denoised in" in result.summary()
+
+
+@pytest.mark.parametrize("budget", [-1.0, np.nan, np.inf])
+def test_a_bad_budget_is_named(variant_llvm, budget):
+    with pytest.raises(ValueError, match="budget="):
+        compare(papers_scene(res=16), budget=budget)
 
 
 # ---------------------------------------------------------------- files and the command line

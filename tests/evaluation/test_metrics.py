@@ -97,3 +97,19 @@ def test_a_missing_extra_says_how_to_install_it(monkeypatch, capsys, module, pac
         metrics.require_extra()
     assert cli.main(["compare", FIGURE]) == 1
     assert "pip install 'potmesil_mi[compare]'" in capsys.readouterr().err
+
+
+def test_what_pictures_have_in_common_is_told_apart_from_their_noise(noise):
+    """A bias of 0.02 under noise of 0.1, judged by references with noise of their own."""
+    random = np.random.default_rng(7)
+    truth = np.full((64, 64, 3), 0.5)
+
+    def noisy(mean):
+        return mean + 0.1 * random.normal(size=truth.shape)
+
+    references = noisy(truth), noisy(truth)
+    bias, error = metrics.mean_product((noisy(truth + 0.02), noisy(truth + 0.02)), references)
+    assert error < 2e-4
+    assert bias == pytest.approx(0.02**2, abs=3 * error)
+    none, error = metrics.mean_product((noisy(truth), noisy(truth)), references)
+    assert abs(none) < 3 * error
