@@ -19,19 +19,13 @@ from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
-from .exposure import FINE_SUBPIXELS, Exposure
+from .exposure import Exposure
 from .film import FinePicture
 from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
 from .lens_view import LensPoints, LensView, ViewPyramid
 from .memo import Memo
-from .slices import (
-    FINE_KERNEL_RATIO,
-    SMALL_AREA_KERNEL_RATIO,
-    DepthSlice,
-    Fineness,
-    plan,
-)
+from .slices import DepthSlice, Fineness, plan
 from .splat import SliceImages, splat
 
 SIMILAR_RADIUS = 0.025
@@ -44,8 +38,11 @@ CLOSED_RADIUS = 1e-9
 SMALL_AREA = 1 << 17
 """Pixels of a slice up to which ``layered`` takes more kernels."""
 
+KEPT_RADIUS = 4
+"""Radius in pixels that circles keep on coarser rasters where a pixel has subpixels."""
+
 EXACT_KEPT_RADIUS = 16
-"""Radius in pixels that circles keep on coarser rasters where visibility is exact."""
+"""The same where visibility is exact."""
 
 
 class Visibility(NamedTuple):
@@ -65,12 +62,10 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     sampled, 1 on the average.
     """
     aperture = aperture_behind(exposure.psf)
-    kept_radius = max(EXACT_KEPT_RADIUS * exposure.subpixels if how.exact else 0, aperture.finest)
-    is_fine = how.exact and exposure.subpixels >= FINE_SUBPIXELS
+    kept_radius = EXACT_KEPT_RADIUS if how.exact else KEPT_RADIUS if exposure.subpixels > 1 else 0
     fineness = Fineness(
-        kept_radius,
+        max(kept_radius * exposure.subpixels, aperture.finest),
         math.inf if how.exact else SMALL_AREA,
-        FINE_KERNEL_RATIO if is_fine else SMALL_AREA_KERNEL_RATIO,
     )
     views = _views(exposure, memo, how)
     channels = views.at(1).unoccluded.values.shape[1]

@@ -47,6 +47,10 @@ CLOSE_SQUARES = 2
 CLOSE_LENS_POINTS = 64
 """Lens points of ``layered`` then."""
 
+VERY_MANY_SAMPLES = 256
+"""Samples a pixel from which on there are enough for as many subpixels as ``lightfield`` has in
+crowded scenes."""
+
 FINE_SQUARES = FINE_SUBPIXELS
 """Subpixels on a side of a pixel of ``lightfield`` in crowded scenes."""
 
@@ -140,7 +144,8 @@ class Layered(_Visible):
                                   (default 32; from 64 samples a pixel on and in crowded
                                   scenes 64; with vignetting 128)
     ``squares``                   subpixels on a side of a pixel, 1 to 16 (default 1; from 64
-                                  samples a pixel on, in crowded scenes and with diffraction 2)
+                                  samples a pixel on, in crowded scenes and with diffraction 2;
+                                  from 256 on 4)
     ============================  ==========================================================
 
     A scene is crowded where for every four samples that the pinhole sees there is a hidden one,
@@ -158,6 +163,8 @@ class Layered(_Visible):
 
     def squares_for(self, samples: PointSamples) -> int:
         """Subpixels on a side of a pixel for ``samples``, if they are enough."""
+        if samples.spp >= VERY_MANY_SAMPLES:
+            return FINE_SQUARES
         return CLOSE_SQUARES if _worth_a_close_look(samples) else self.usual_squares
 
 

@@ -52,7 +52,7 @@ class FocusIntegrator(WrapperIntegrator):
        - |int|
        - Subpixels on a side of a pixel that are formed and averaged, 1 to 16.
          (Default: 1 for ``layered``, but 2 in crowded scenes and from 64 samples a pixel
-         on; 2 for the others, but 4 for ``lightfield`` in crowded scenes)
+         on, and 4 from 256; 2 for the others, but 4 for ``lightfield`` in crowded scenes)
      * - filter, filter_2, ...
        - |string|
        - Special effects for the finished picture, in the order of their numbers, of names that
