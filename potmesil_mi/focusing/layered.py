@@ -19,7 +19,7 @@ from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
-from .exposure import Exposure
+from .exposure import FINE_SUBPIXELS, Exposure
 from .film import FinePicture
 from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
@@ -38,11 +38,12 @@ CLOSED_RADIUS = 1e-9
 SMALL_AREA = 1 << 17
 """Pixels of a slice up to which ``layered`` takes more kernels."""
 
-KEPT_RADIUS = 4
-"""Radius in pixels that circles keep on coarser rasters where a pixel has subpixels."""
-
 EXACT_KEPT_RADIUS = 16
-"""The same where visibility is exact."""
+"""Radius in pixels that circles keep on coarser rasters where visibility is exact."""
+
+FINE_KEPT_RADIUS = 4
+"""The same on fine subpixels, on which ``layered`` takes more kernels in parts of the same size in
+pixels."""
 
 
 class Visibility(NamedTuple):
@@ -62,11 +63,12 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     sampled, 1 on the average.
     """
     aperture = aperture_behind(exposure.psf)
-    kept_radius = EXACT_KEPT_RADIUS if how.exact else KEPT_RADIUS if exposure.subpixels > 1 else 0
-    fineness = Fineness(
-        max(kept_radius * exposure.subpixels, aperture.finest),
-        math.inf if how.exact else SMALL_AREA,
-    )
+    kept_radius, small_area = 0.0, float(SMALL_AREA)
+    if how.exact:
+        kept_radius, small_area = EXACT_KEPT_RADIUS, math.inf
+    elif exposure.subpixels >= FINE_SUBPIXELS:
+        kept_radius, small_area = FINE_KEPT_RADIUS, SMALL_AREA * exposure.subpixels**2
+    fineness = Fineness(max(kept_radius * exposure.subpixels, aperture.finest), small_area)
     views = _views(exposure, memo, how)
     channels = views.at(1).unoccluded.values.shape[1]
     groups = plan(

@@ -32,11 +32,11 @@ CELL_RADIUS = 1.0
 HIGHLIGHT_CELL_RADIUS = 1.7
 """The same for highlights, of which one sees gaps between the points."""
 
-KERNEL_RATIOS = (2 ** (1 / 6), 1.25, math.sqrt(2))
-"""Largest ratio of neighbouring kernel radii with circles between them: in small parts of the
-window, where more kernels cost little, in parts up to ``LARGER`` times as large, and elsewhere."""
+KERNEL_RATIO = math.sqrt(2)
+"""Largest ratio of neighbouring kernel radii with circles between them."""
 
-LARGER = 4
+SMALL_AREA_KERNEL_RATIO = 2 ** (1 / 6)
+"""The same in small parts of the window, where more kernels cost little."""
 
 DIFFRACTION_KERNEL_RATIO = 2 ** (1 / 8)
 """The same where the pattern changes with the circle."""
@@ -60,7 +60,7 @@ class Fineness(NamedTuple):
 
     ``kept_radius``: circles of at least twice this radius, in subpixels, are spread on pixels so
     many times as large that it stays no less. ``small_area``: boxes of up to so many pixels have
-    kernels as close to each other as any.
+    more kernels.
     """
 
     kept_radius: float
@@ -254,9 +254,8 @@ class _SlicePlanner:
             return None
         left, top = (int(min(box[i] for box in boxes)) for i in (0, 1))
         right, bottom = (int(max(box[i] for box in boxes)) + 1 for i in (2, 3))
-        area = (right - left) * (bottom - top)
-        larger = (area > fineness.small_area) + (area > LARGER * fineness.small_area)
-        circles = self._circles(KERNEL_RATIOS[larger])
+        is_small = (right - left) * (bottom - top) <= fineness.small_area
+        circles = self._circles(SMALL_AREA_KERNEL_RATIO if is_small else KERNEL_RATIO)
         reach = self._reach(circles.kernels)
         box = Window(
             left - reach,
