@@ -35,8 +35,12 @@ HIGHLIGHT_CELL_RADIUS = 1.7
 KERNEL_RATIO = math.sqrt(2)
 """Largest ratio of neighbouring kernel radii with circles between them."""
 
-SMALL_AREA_KERNEL_RATIO = 2 ** (1 / 6)
+SMALL_AREA_KERNEL_RATIO = 1.25
 """The same in small parts of the window, where more kernels cost little."""
+
+SMALL_CIRCLE_KERNEL_RATIO = 2 ** (1 / 4)
+"""The same there for circles so small that they are spread on subpixels, and not on coarser
+pixels."""
 
 DIFFRACTION_KERNEL_RATIO = 2 ** (1 / 8)
 """The same where the pattern changes with the circle."""
@@ -254,8 +258,11 @@ class _SlicePlanner:
             return None
         left, top = (int(min(box[i] for box in boxes)) for i in (0, 1))
         right, bottom = (int(max(box[i] for box in boxes)) + 1 for i in (2, 3))
-        is_small = (right - left) * (bottom - top) <= fineness.small_area
-        circles = self._circles(SMALL_AREA_KERNEL_RATIO if is_small else KERNEL_RATIO)
+        ratio = KERNEL_RATIO
+        if (right - left) * (bottom - top) <= fineness.small_area:
+            on_subpixels = self.raster.resolution == 1
+            ratio = SMALL_CIRCLE_KERNEL_RATIO if on_subpixels else SMALL_AREA_KERNEL_RATIO
+        circles = self._circles(ratio)
         reach = self._reach(circles.kernels)
         box = Window(
             left - reach,

@@ -70,13 +70,16 @@ class Fireflies:
         """Warn where there are any in the window ``crop`` of ``columns``, and no ``clamp``."""
         if self.clamp is not None:
             return
-        light = np.nan_to_num(_brightest(columns.rgb) * columns.weight, nan=0, posinf=0, neginf=0)
-        light *= crop.contains(columns.x, columns.y)
-        mean = float(light.sum(dtype=np.float64)) / crop.size
+        light = _brightest(columns.rgb) * columns.weight
+        if not np.isfinite(light.sum()):
+            light = np.nan_to_num(light, nan=0, posinf=0, neginf=0)
+        mean = float(light.sum() / columns.weight.sum())
         index = np.flatnonzero(light > BRIGHT_DISC * DARKEST * mean)
+        index = index[crop.contains(columns.x[index], columns.y[index])]
         index = index[~self._shows_lamp(columns.surface[index], columns.z[index])]
         if len(index) == 0:
             return
+        light *= crop.contains(columns.x, columns.y)
         pixel = crop.pixel_of(columns.x, columns.y)
         picture = np.bincount(pixel, light, minlength=crop.size).reshape(crop.shape)
         square = np.ones((AROUND, AROUND))
