@@ -70,10 +70,11 @@ class Fireflies:
         """Warn where there are any in the window ``crop`` of ``columns``, and no ``clamp``."""
         if self.clamp is not None:
             return
-        light = _brightest(columns.rgb) * columns.weight
-        if not np.isfinite(light.sum()):
-            light = np.nan_to_num(light, nan=0, posinf=0, neginf=0)
-        mean = float(light.sum() / columns.weight.sum())
+        with np.errstate(over="ignore", invalid="ignore"):
+            light = _brightest(columns.rgb) * columns.weight
+            if not np.isfinite(light.sum()):
+                light = np.nan_to_num(light, nan=0, posinf=0, neginf=0)
+        mean = float(light.sum(dtype=np.float64) / columns.weight.sum())
         index = np.flatnonzero(light > BRIGHT_DISC * DARKEST * mean)
         index = index[crop.contains(columns.x[index], columns.y[index])]
         index = index[~self._shows_lamp(columns.surface[index], columns.z[index])]

@@ -67,9 +67,10 @@ def test_one_sample_that_outshines_a_disc_is_told_of_with_the_remedy():
         {"rgb": 1e6, "surface": 0, "z": np.inf},
         {"rgb": 1e6, "x": -0.5},
         {"rgb": np.inf},
+        {"rgb": [np.inf, -np.inf, 3e38], "weight": 100},
         {"rgb": np.nan},
     ],
-    ids=["dimmer", "lamp", "sky", "beside", "infinite", "no number"],
+    ids=["dimmer", "lamp", "sky", "beside", "infinite", "infinite difference", "no number"],
 )
 def test_of_what_is_no_firefly_nothing_is_said(bright):
     with warnings.catch_warnings():
