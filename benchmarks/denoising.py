@@ -62,15 +62,10 @@ class Subject:
 
 def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
-    options.add_argument("--folders", nargs="*", type=Path, default=[], help="scenes of others")
-    options.add_argument("--only", nargs="+", metavar="NAME", help="of these names, or patterns")
-    options.add_argument("--size", type=int, default=192, help="longest side of those, pixels")
-    options.add_argument("--sampler", default="multijitter", help="of those")
-    options.add_argument("--limit", type=float, default=120.0, help="seconds for a reference")
-    options.add_argument("--spp", type=int, nargs="+", default=[4, 16, 64], help="samples a pixel")
+    add_subjects(options)
     options.add_argument("--repeats", type=int, default=3, help="denoisings, for the median time")
     options.add_argument("--images", action="store_true", help="write pictures and crops")
-    options.set_defaults(rfilter="box", aperture=1.0, unmerged=False)
+    options.set_defaults(rfilter="box")
     arguments = options.parse_args()
     common.start(arguments)
     mi.set_log_level(mi.LogLevel.Error)
@@ -78,6 +73,17 @@ def main() -> None:
     for subject in subjects(arguments):
         missed += compared(subject, arguments)
     console.print(f"[red]Goals missed:[/red] {'; '.join(missed)}" if missed else "All goals met")
+
+
+def add_subjects(options: argparse.ArgumentParser) -> None:
+    """Add what `subjects` asks for, but for `rfilter`, and how many samples they get."""
+    options.add_argument("--folders", nargs="*", type=Path, default=[], help="scenes of others")
+    options.add_argument("--only", nargs="+", metavar="NAME", help="of these names, or patterns")
+    options.add_argument("--size", type=int, default=192, help="longest side of those, pixels")
+    options.add_argument("--sampler", default="multijitter", help="of those")
+    options.add_argument("--limit", type=float, default=120.0, help="seconds for a reference")
+    options.add_argument("--spp", type=int, nargs="+", default=[4, 16, 64], help="samples a pixel")
+    options.set_defaults(aperture=1.0, unmerged=False)
 
 
 def subjects(arguments: argparse.Namespace) -> Iterator[Subject]:

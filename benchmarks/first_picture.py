@@ -24,13 +24,12 @@ import dataclasses
 import math
 import statistics
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import common
 import mitsuba as mi
 import numpy as np
 from common import console, timed
-from denoising import Subject, denoised_after, subjects
+from denoising import Subject, add_subjects, denoised_after, subjects
 from scenes_of_others import Halves
 
 import potmesil_mi as pm
@@ -55,16 +54,10 @@ class Taken:
 
 def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
-    options.add_argument("--folders", nargs="*", type=Path, default=[], help="scenes of others")
-    options.add_argument("--only", nargs="+", metavar="NAME", help="of these names, or patterns")
-    options.add_argument("--size", type=int, default=192, help="longest side of those, pixels")
-    options.add_argument("--sampler", default="multijitter", help="of both sides")
-    options.add_argument("--limit", type=float, default=120.0, help="seconds for a reference")
-    options.add_argument("--spp", type=int, nargs="+", default=[4, 16, 64], help="samples a pixel")
+    add_subjects(options)
     options.add_argument("--refine", type=float, nargs="+", default=[REFINE], help="shares")
     options.add_argument("--repeats", type=int, default=3, help="first pictures, for medians")
     options.add_argument("--denoise", action="store_true", help="denoise both sides")
-    options.set_defaults(aperture=1.0, unmerged=False)
     arguments = options.parse_args()
     # A denoiser wants the noise of pixels apart.
     arguments.rfilter = "box" if arguments.denoise else None

@@ -33,6 +33,12 @@ def require_number(name: str, value: Any, least: float = -math.inf, most: float 
         raise ValueError(f"{name}={value}: must be {allowed}")
 
 
+def require_flag(name: str, value: Any) -> None:
+    """Raise ``TypeError`` unless ``value`` is true or false."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}={value!r}: must be True or False")
+
+
 def require_choice(name: str, value: Any, choices: Iterable[str]) -> None:
     """Raise ``TypeError`` unless ``value`` is text, ``ValueError`` unless it is a choice."""
     choices = tuple(choices)

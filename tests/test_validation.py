@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from potmesil_mi._validation import require_choice, require_number, require_whole
+from potmesil_mi._validation import require_choice, require_flag, require_number, require_whole
 
 
 def test_a_choice_is_one_of_the_words():
@@ -26,6 +26,14 @@ def test_a_number_is_finite_whatever_its_type(value):
 @pytest.mark.parametrize("value", [1, 1.5, np.float32(1.5), np.int64(2), 2])
 def test_a_number_in_range_passes(value):
     require_number("size", value, 1, 2)
+
+
+def test_a_flag_is_true_or_false_and_nothing_that_is_like_it():
+    for value in (True, False, np.bool_(True)):
+        require_flag("alpha", value)
+    for value in (1, 0, None, "yes"):
+        with pytest.raises(TypeError, match=r"^alpha=.*: must be True or False$"):
+            require_flag("alpha", value)
 
 
 def test_truth_is_no_number():

@@ -19,6 +19,7 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
+    given_denoise,
     given_lens,
     given_method,
     given_sampling,
@@ -77,11 +78,11 @@ def render(options: argparse.Namespace) -> None:
         require_extra()
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
-    sampling, denoise = given_sampling(options, integrator), bool(options.denoise)
+    sampling = given_sampling(options, integrator)
+    denoise = given_denoise(options, integrator)
     if isinstance(integrator, FocusSettings):
         method = given_method(options, integrator.method)
         filters = filters or integrator.filters
-        denoise = integrator.denoise if options.denoise is None else denoise
     if denoise:
         sampling = dataclasses.replace(sampling, features=True)
     samples = render_samples(
@@ -207,12 +208,11 @@ def against_thinlens(options: argparse.Namespace) -> None:
     require_extra()
     if options.output:
         output_paths(options.output)
-    method, denoise = given_method(options), bool(options.denoise)
+    method = given_method(options)
     scene, sensor = scene_with_lens(options)
     integrator = scene.integrator()
     if isinstance(integrator, FocusSettings):
         method = given_method(options, integrator.method)
-        denoise = integrator.denoise if options.denoise is None else denoise
     comparison = compare(
         scene,
         sensor,
@@ -222,7 +222,7 @@ def against_thinlens(options: argparse.Namespace) -> None:
         reference_spp=options.reference_spp,
         reference_floor=options.reference_floor,
         budget=options.budget,
-        denoise=denoise,
+        denoise=given_denoise(options, integrator),
         method=method,
     )
     console = _console()

@@ -249,6 +249,13 @@ def given_sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sa
     return dataclasses.replace(sampling, **_given(options, SAMPLING_OPTIONS))
 
 
+def given_denoise(options: argparse.Namespace, integrator: mi.Integrator) -> bool:
+    """Whether samples are denoised: what the option says, and without it the integrator."""
+    if options.denoise is None:
+        return bool(getattr(integrator, "denoise", False))
+    return bool(options.denoise)
+
+
 def given_method(options: argparse.Namespace, said: Method | None = None) -> Method:
     """The method that the options describe, and for the rest ``said``, by the scene.
 

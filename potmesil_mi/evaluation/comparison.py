@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from functools import partial
 
 import mitsuba as mi
@@ -17,7 +16,7 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._progress import ProgressCallback, reported
-from .._validation import require_number, require_whole
+from .._validation import require_flag, require_number, require_whole
 from ..focusing.api import focus
 from ..focusing.methods import Method, MethodName, method_of
 from ..samples.denoising import require_extra
@@ -96,7 +95,8 @@ def compare(
         squares=squares,
     )
     require_whole("seed", seed, 0, 2**32 - 1)
-    deadline = _checked(reference_spp, reference_floor, budget)
+    require_flag("denoise", denoise)
+    _require_bounds(reference_spp, reference_floor, budget)
     if denoise:
         require_extra()
     sensor = _comparable(scene, sensor)
@@ -126,21 +126,20 @@ def compare(
         paths *= 1 + sampling.refine
     else:
         paths *= stages.point_samples / math.prod(sensor.camera().crop_size)
-    bounds = _Bounds(spp, paths, reference_spp, reference_floor, deadline())
+    deadline = NEVER if budget is None else Deadline.after(budget)
+    bounds = _Bounds(spp, paths, reference_spp, reference_floor, deadline)
     return _judged(renderer, stages, bounds, chosen)
 
 
-def _checked(
+def _require_bounds(
     reference_spp: int, reference_floor: float | None, budget: float | None
-) -> Callable[[], Deadline]:
-    """What tells when the ``budget`` is over that begins then; raises for bad parameters."""
+) -> None:
+    """Raise ``ValueError`` or ``TypeError`` for bad parameters of :func:`compare`."""
     require_whole("reference_spp", reference_spp, 2, 2**24)
     if reference_floor is not None and not math.isfinite(reference_floor):
         raise ValueError(f"reference_floor={reference_floor}: must be a finite number of dB")
-    if budget is None:
-        return lambda: NEVER
-    require_number("budget", budget, 0)
-    return partial(Deadline.after, budget)
+    if budget is not None:
+        require_number("budget", budget, 0)
 
 
 @dataclasses.dataclass(frozen=True)

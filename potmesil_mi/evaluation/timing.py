@@ -140,7 +140,7 @@ def timed_stages(
         return samples, picture, (sampling, denoising, focusing)
 
     samples, picture, first = all_of_it(0)
-    _, other, seconds = all_of_it(1)
+    other, seconds = all_of_it(1)[1:]
     again = [seconds]
     while len(again) < REPEATS and again[0][0] < LONG:
         again.append(all_of_it(1 + len(again))[2])

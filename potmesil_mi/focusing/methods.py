@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from .._spec import Spec
-from .._validation import require_whole
+from .._validation import require_flag, require_whole
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
@@ -48,11 +48,10 @@ CLOSE_LENS_POINTS = 64
 """Lens points of ``layered`` then."""
 
 VERY_MANY_SAMPLES = 256
-"""Samples a pixel from which on there are enough for as many subpixels as ``lightfield`` has in
-crowded scenes."""
+"""Samples a pixel from which on ``layered`` takes fine subpixels, each of which has enough."""
 
 FINE_SQUARES = FINE_SUBPIXELS
-"""Subpixels on a side of a pixel of ``lightfield`` in crowded scenes."""
+"""Subpixels on a side of a pixel of ``lightfield`` in crowded scenes, and of ``layered`` then."""
 
 FINE_LENS_POINTS = 192
 """Lens points of ``lightfield`` in crowded scenes."""
@@ -228,8 +227,7 @@ class Equation20(Method):
 
     def __post_init__(self) -> None:
         require_whole("tables", self.tables, 2, MAX_TABLES)
-        if not isinstance(self.inverse_square, (bool, np.bool_)):
-            raise TypeError(f"inverse_square={self.inverse_square!r}: must be True or False")
+        require_flag("inverse_square", self.inverse_square)
         _check_squares(self.squares)
 
     def form(self, exposure: Exposure, memo: Memo) -> tuple[np.ndarray, np.ndarray]:

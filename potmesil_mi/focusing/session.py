@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from .._validation import require_flag
 from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
 from ..optics.arithmetic import is_drjit
@@ -148,8 +149,7 @@ def form_picture(
         raise TypeError(
             f"rfilter={rfilter!r}: must be a reconstruction filter, such as film.rfilter()"
         )
-    if not isinstance(alpha, (bool, np.bool_)):
-        raise TypeError(f"alpha={alpha!r}: must be True or False")
+    require_flag("alpha", alpha)
     filters = as_filters(filters)
     method.check(lens)
     if picture_of is not None:

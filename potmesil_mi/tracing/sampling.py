@@ -6,9 +6,7 @@ import dataclasses
 from numbers import Real
 from typing import Any, Literal, cast, get_args
 
-import numpy as np
-
-from .._validation import require_number, require_whole
+from .._validation import require_flag, require_number, require_whole
 
 Pattern = Literal["sampler", "uniform", "adaptive"]
 """Where the film is sampled; see ``pattern`` of :class:`Sampling`."""
@@ -106,9 +104,7 @@ class Sampling:
         if self.min_f_number is not None and not self.min_f_number > 0:
             raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
         for name in ("virtual_depth", "features"):
-            value = getattr(self, name)
-            if not isinstance(value, (bool, np.bool_)):
-                raise TypeError(f"{name}={value!r}: must be True or False")
+            require_flag(name, getattr(self, name))
         require_number("refine", self.refine, 0, MOST_REFINE)
         if self.clamp is not None:
             require_number("clamp", self.clamp, 0)

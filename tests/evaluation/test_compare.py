@@ -130,6 +130,13 @@ def test_a_bad_budget_is_named(variant_llvm, budget):
         compare(papers_scene(res=16), budget=budget)
 
 
+@pytest.mark.parametrize("options", [{"denoise": "yes"}, {"budget": "long"}])
+def test_what_is_of_another_type_is_named(variant_llvm, options):
+    (name,) = options
+    with pytest.raises(TypeError, match=f"{name}="):
+        compare(papers_scene(res=16), **options)
+
+
 # ---------------------------------------------------------------- files and the command line
 
 
@@ -180,6 +187,7 @@ PERSPECTIVE = """<scene version="3.0.0"><integrator type="direct"/><emitter type
         ([FIGURE, "-D", "res=16", "--reference-spp", "1"], "reference_spp=1"),
         ([FIGURE, "-D", "res=16", "--reference-floor", "inf"], "reference_floor=inf"),
         ([FIGURE, "-D", "res=16", "--seed", "-1"], "seed=-1"),
+        ([FIGURE, "-D", "res=16", "--budget", "-1"], r"budget=-1\.0"),
         ([FIGURE, "-D", "res=8"], "8x8 pixels, must have at least 11x11"),
         (["{}/scene.xml"], "has no lens; describe one with --f-number"),
         ([FIGURE, "-D", "res=16", "-m", "scalar_rgb"], "scalar_rgb|vectorised"),

@@ -239,6 +239,7 @@ def test_what_is_wrong_with_a_wrapped_integrator_is_named(plugin, nested, text):
         ({"overscan": -1}, "overscan=-1"),
         ({"refine": -0.5}, r"refine=-0\.5"),
         ({"refine": 17.0}, r"refine=17"),
+        ({"clamp": 0.0}, r"clamp=0"),
         ({"focus_range": "3/1"}, "focus_range='3/1': must be two distances"),
         ({"focus_range": "near"}, "focus_range='near': must be two distances"),
         ({"focus_range": 2.0}, r"focus_range=2\.0: must be two distances"),

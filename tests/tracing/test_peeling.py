@@ -364,8 +364,12 @@ class FakeLens:
 
 
 @pytest.mark.parametrize(("in_vain", "again"), [(31, 31 + 9), (32, 9)])
-def test_enough_samples_that_look_in_vain_speak_for_all_of_their_surface(in_vain, again):
-    """One of ten samples of a surface is seen, and none of those of another beside it."""
+@pytest.mark.parametrize("cell", [0, 2**32 - 1])
+def test_enough_samples_that_look_in_vain_speak_for_all_of_their_surface(cell, in_vain, again):
+    """One of ten samples of a surface is seen, and none of those of another beside it.
+
+    Votes take no memory for cells without rays, however high the numbers of the others are.
+    """
     surface = np.repeat([1, 2], [10, in_vain])
     sees = np.arange(len(surface)) == 3
     zero = dr.zeros(mi.UInt32, len(surface))
@@ -377,7 +381,7 @@ def test_enough_samples_that_look_in_vain_speak_for_all_of_their_surface(in_vain
         number=zero,
     )
     lens = FakeLens(sees)
-    kept = np.array(peeling._sees(lens, target, zero, zero, mi.UInt32(surface)))
+    kept = np.array(peeling._sees(lens, target, zero + cell, zero, mi.UInt32(surface)))
     assert lens.again == [again]
     np.testing.assert_array_equal(kept, (surface == 1) | (in_vain < peeling.ENOUGH))
 
