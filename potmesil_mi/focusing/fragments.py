@@ -99,9 +99,10 @@ class Fragments:
         values = ((field.name, getattr(self, field.name)) for field in dataclasses.fields(self))
         return {name: value for name, value in values if isinstance(value, np.ndarray)}
 
-    def chosen(self, which: np.ndarray) -> Fragments:
-        """The fragments of which ``which``, bool (N,), is true; or those of its indices, (n,)."""
-        return dataclasses.replace(self, **{k: v[which] for k, v in self._columns().items()})
+    def chosen(self, which: np.ndarray | slice) -> Fragments:
+        """The fragments that ``which`` has: bool (N,), indices (n,), or a slice of them."""
+        columns: dict[str, Any] = {k: v[which] for k, v in self._columns().items()}
+        return dataclasses.replace(self, **columns)
 
     def and_others(self, *others: Fragments) -> Fragments:
         """These, then ``others`` of the same raster and bins; not in their order."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -36,41 +36,45 @@ def gather(
     alpha: bool = False,
     degree: int = 0,
     bins: Bins | None = None,
+    which: np.ndarray | None = None,
 ) -> Fragments:
     """Samples gathered on ``subpixels`` x ``subpixels`` subpixels of a pixel.
 
     ``radius_per_vergence`` is the circle's radius in subpixels per unit of vergence; with ``alpha``
     the values have a fifth column. The fragments have moments up to a ``degree``. ``bins`` are
-    those of all depths of the samples, unless they are given.
+    those of all depths of the samples, unless they are given. Only samples of which ``which``,
+    bool (N,), is true are gathered, if it is given.
     """
-    samples = one_subpixel_each(samples, subpixels)
+    if samples.lattice > 0:
+        samples = one_subpixel_each(samples if which is None else samples.chosen(which), subpixels)
+        which = None
     raster = samples.window.subdivided(subpixels)
     bins = bins or Bins.of(samples.z, radius_per_vergence)
-    parts = _parts(samples)
     located = functools.partial(_located, samples, subpixels, raster)
 
     nearest = dr.zeros(jit.UInt32, raster.size)
     farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
-    for part in parts:
+    for part, chosen in _parts(len(samples), which):
         at = located(part)
         bin_ = bins.of_vergence(at.vergence)
         for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
-            dr.scatter_reduce(op, ends, bin_, at.subpixel, at.visible, mode=scatter_mode())
+            dr.scatter_reduce(op, ends, bin_, at.subpixel, at.visible & chosen, mode=scatter_mode())
         dr.eval(nearest, farthest)
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
 
     sums_alone = _SumsAlone(raster.size, alpha, degree)
-    others = []
-    for part in parts:
+    others = [np.empty(0, np.int64)]
+    for part, chosen in _parts(len(samples), which):
         at = located(part)
         alone = at.visible & dr.gather(jit.Bool, one_depth, at.subpixel)
-        sums_alone.add(samples, part, subpixels, at, alone)
-        others.append(_index(~alone, part))
+        sums_alone.add(samples, part, subpixels, at, alone & chosen)
+        others.append(_index(~alone & chosen, part))
 
     index = np.concatenate(others)
+    chosen = _Chosen(samples, index, samples.layer[index], samples.weight[index])
     other_place, other_layer, other_vergence, other_light, _ = _sorted_sums(
-        samples, subpixels, alpha, degree, index, *_places(located, index, bins)
+        chosen, subpixels, alpha, degree, *_places(located, index, bins)
     )
     place, vergence, light = sums_alone.found(len(other_place))
     light[len(place) :] = other_light
@@ -114,44 +118,53 @@ def gather_with_known(
     known, depth = np.asarray(samples.visibility) != 0, samples.z
     if samples.through is not None:
         depth = np.where(samples.through > 0, samples.through, depth)
-    bins = Bins.of(np.concatenate([samples.z, depth]), radius_per_vergence)
-    fragments, seen = _gathered_known(samples.chosen(known), subpixels, bins, alpha, degree)
+    bins = Bins.of(samples.z, radius_per_vergence, depth)
+    fragments, seen = _gathered_known(
+        samples, np.flatnonzero(known), subpixels, bins, alpha, degree
+    )
     parts = []
+    covers = samples if samples.through is None else samples.replace(z=depth)
     for which, kind in ((~known, INFERRED), (known & (samples.layer != ELSEWHERE), COVERS)):
         if which.any():
-            some = samples.chosen(which).replace(z=depth[which])
-            found = gather(some, subpixels, radius_per_vergence, alpha, degree, bins)
+            found = gather(covers, subpixels, radius_per_vergence, alpha, degree, bins, which)
             parts.append(dataclasses.replace(found, known=np.full(len(found), kind, np.int32)))
     return Gathered(_with_gaps(fragments.and_others(*parts).in_order()), seen)
 
 
 def _gathered_known(
-    samples: PointSamples, subpixels: int, bins: Bins, alpha: bool, degree: int
+    samples: PointSamples, index: np.ndarray, subpixels: int, bins: Bins, alpha: bool, degree: int
 ) -> tuple[Fragments, np.ndarray]:
-    """The light of samples of known visibility, and what the lens sees of it: see ``Gathered``.
+    """The light of samples ``index``, of known visibility, and what the lens sees of it.
 
-    What all points of the lens see is apart from the rest. Where samples become one fragment, each
-    counts as much of its light as there are points that see it.
+    See ``Gathered``; the first row of what is seen is of all that all points of the lens see. That
+    is apart from the rest. Where samples become one fragment, each counts as much of its light as
+    there are points that see it.
     """
     assert samples.visibility is not None
     raster = samples.window.subdivided(subpixels)
-    seen_by = points_that_see(samples.visibility)
-    weight = samples.weight * (seen_by / VISIBILITY_POINTS)
+    visibility, area = samples.visibility[index], samples.weight[index]
+    seen_by = points_that_see(visibility)
     partly = seen_by < VISIBILITY_POINTS
-    some = samples.replace(layer=partly.astype(np.uint8), weight=weight)
-    located = functools.partial(_located, some, subpixels, raster)
-    index = np.arange(len(some))
-    places = _places(located, index, bins)
-    place, _, vergence, light, same = _sorted_sums(some, subpixels, alpha, degree, index, *places)
+    chosen = _Chosen(samples, index, partly, area * (seen_by / VISIBILITY_POINTS))
+    places = _places(functools.partial(_located, samples, subpixels, raster), index, bins)
+    place, is_partly, vergence, light, same = _sorted_sums(
+        chosen, subpixels, alpha, degree, *places
+    )
+    # Rows of what is seen in part, after that of what is seen as a whole.
+    known = np.cumsum(is_partly, dtype=np.int32) * (is_partly > 0)
+    row, count = known[same[partly]], int(known.max(initial=0)) + 1
+    visibility, area = visibility[partly], area[partly]
+    areas = np.bincount(row, area, count)
     # The whole area that the light has, also where no point sees it.
-    area = np.bincount(same, samples.weight, len(place))
-    light *= (area / np.bincount(same, weight, len(place)))[:, None, None]
-    seen = np.empty((len(place), VISIBILITY_POINTS), np.uint8)
+    seen_areas = np.bincount(row, chosen.weight[partly], count)
+    scale = np.divide(areas, seen_areas, out=np.ones(count), where=seen_areas > 0)
+    light *= scale[known][:, None, None]
+    seen = np.full((count, VISIBILITY_POINTS), 255, np.uint8)
     for point in range(VISIBILITY_POINTS):
-        bit = samples.visibility >> np.uint64(point) & np.uint64(1)
-        seen[:, point] = np.rint(255 * np.bincount(same, samples.weight * bit, len(place)) / area)
+        bit = visibility >> np.uint64(point) & np.uint64(1)
+        seen[1:, point] = np.rint(255 * np.bincount(row, area * bit, count)[1:] / areas[1:])
     fragments = _fragments(raster, bins, place, vergence, light, degree)
-    return dataclasses.replace(fragments, known=np.arange(len(place), dtype=np.int32)), seen
+    return dataclasses.replace(fragments, known=known), seen
 
 
 def _fragments(
@@ -198,7 +211,7 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     asked[own[first]] = 1
     is_asked = jit.from_numpy(jit.UInt8, asked)
     found = [np.empty(0, np.int64)]
-    for part in _parts(samples) if first.any() else []:
+    for part, _ in _parts(len(samples)) if first.any() else []:
         at = located(part)
         found.append(_index(at.visible & (dr.gather(jit.UInt8, is_asked, at.subpixel) > 0), part))
     these = np.concatenate(found)
@@ -213,14 +226,28 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     return dataclasses.replace(fragments, offset=offset.astype(np.float32))
 
 
-def _parts(samples: PointSamples) -> list[slice]:
-    """Samples that are gathered at once, from the first to the last."""
-    return [slice(i, i + GATHERED_AT_ONCE) for i in range(0, len(samples), GATHERED_AT_ONCE)]
+def _parts(
+    count: int, which: np.ndarray | None = None
+) -> Iterator[tuple[slice | np.ndarray, jit.Bool]]:
+    """The samples, of ``count``, that are gathered at once, from the first to the last.
+
+    A part is a slice of them and which of these are meant, or indices: ``which``, bool (N,), has
+    those that are.
+    """
+    for begin in range(0, count, GATHERED_AT_ONCE):
+        part = slice(begin, min(begin + GATHERED_AT_ONCE, count))
+        if which is None or which[part].all():
+            yield part, jit.Bool(True)
+        elif 2 * np.count_nonzero(which[part]) > part.stop - begin:
+            yield part, jit.from_numpy(jit.Bool, which[part])
+        elif which[part].any():
+            yield begin + np.flatnonzero(which[part]), jit.Bool(True)
 
 
-def _index(which: jit.Bool, part: slice) -> np.ndarray:
+def _index(which: jit.Bool, part: slice | np.ndarray) -> np.ndarray:
     """Index, int64 (n,), of the samples of a ``part`` of which ``which`` is true."""
-    return np.array(dr.compress(which)).astype(np.int64) + part.start
+    there = np.array(dr.compress(which)).astype(np.int64)
+    return there + part.start if isinstance(part, slice) else part[there]
 
 
 def _places(
@@ -266,9 +293,10 @@ class Bins(NamedTuple):
     width: float
 
     @classmethod
-    def of(cls, depths: np.ndarray, radius_per_vergence: float) -> Bins:
+    def of(cls, depths: np.ndarray, radius_per_vergence: float, *others: np.ndarray) -> Bins:
         """Those of ``depths``, with circles of that radius in subpixels per unit of vergence."""
-        ends = 1 / depths.max(), 1 / depths.min()
+        every = depths, *others
+        ends = 1 / max(of.max() for of in every), 1 / min(of.min() for of in every)
         # Where depths are many circles apart, the bins are wider.
         width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
         return cls(float(ends[0]), width)
@@ -323,7 +351,12 @@ class _SumsAlone:
         self.vergence = dr.zeros(jit.Float, size)
 
     def add(
-        self, samples: PointSamples, part: slice, subpixels: int, at: _Located, alone: jit.Bool
+        self,
+        samples: PointSamples,
+        part: slice | np.ndarray,
+        subpixels: int,
+        at: _Located,
+        alone: jit.Bool,
     ) -> None:
         """Add the samples ``part`` that are ``alone``."""
         mode = scatter_mode()
@@ -357,25 +390,35 @@ class _SumsAlone:
         return place, vergence, light
 
 
+@dataclasses.dataclass(frozen=True)
+class _Chosen:
+    """Samples ``index`` of ``samples``, with the layers and weights, (n,), that they count with."""
+
+    samples: PointSamples
+    index: np.ndarray
+    layer: np.ndarray
+    weight: np.ndarray
+
+
 def _sorted_sums(
-    samples: PointSamples,
+    chosen: _Chosen,
     subpixels: int,
     alpha: bool,
     degree: int,
-    index: np.ndarray,
     places: np.ndarray,
     across: np.ndarray,
     down: np.ndarray,
     bins: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Samples ``index`` summed by subpixel, depth layer and bin, by sorting.
+    """Samples summed by subpixel, depth layer and bin, by sorting.
 
     Returns subpixel, layer and mean vergence of each sum, the sums as :class:`_SumsAlone` has
     them, float64, and which sum each sample is in.
     """
-    key = places.astype(np.int64) * 256 + samples.layer[index]
+    samples, index = chosen.samples, chosen.index
+    key = places.astype(np.int64) * 256 + chosen.layer
     keys, same = np.unique(key * (MAX_BINS + 1) + bins, return_inverse=True)
-    all_weight = samples.weight[index].astype(np.float64) * subpixels**2
+    all_weight = chosen.weight.astype(np.float64) * subpixels**2
     columns = [*samples.rgb[index].T, 1.0, *([samples.alpha[index]] if alpha else [])]
     every = [(0, 0), *orders(degree)]
     light = np.empty((len(keys), len(every), len(columns)))

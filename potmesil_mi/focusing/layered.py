@@ -70,7 +70,7 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
         kept_radius, small_area = FINE_KEPT_RADIUS, SMALL_AREA * exposure.subpixels**2
     fineness = Fineness(max(kept_radius * exposure.subpixels, aperture.finest), small_area)
     views = _views(exposure, memo, how)
-    channels = views.at(1).unoccluded.values.shape[1]
+    channels = views.finest.unoccluded.values.shape[1]
     groups = plan(
         views, exposure.lens, exposure.psf, exposure.blur, exposure.subpixels_per_mm, fineness
     )

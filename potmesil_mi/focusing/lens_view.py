@@ -17,7 +17,7 @@ from .. import _backend as jit
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
 from ..samples.point_samples import PointSamples
-from .fragments import COVERS, SHARE, FragmentColumns, Fragments
+from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments
 from .visibility import Jitter, visibility, visibility_of_highlights
 
 HIGHLIGHT_TO_MEDIAN = 8
@@ -34,6 +34,9 @@ MAX_HIGHLIGHTS = 1 << 14
 
 HIGHLIGHT_POINTS = 16
 """Highlights are looked at from so many times as many lens points as other fragments."""
+
+COARSER_PARTS = 3
+"""Parts of a coarser view that are made before the whole is."""
 
 LEAST_SEEN = 8
 """What the innermost lens point sees at least, of 255, of what the pinhole sees."""
@@ -169,6 +172,11 @@ class Occluded:
         mean = np.rint(np.stack(seen, axis=1) / total[:, None])
         return Occluded(fragments, mean.astype(np.uint8), self.points)
 
+    def between(self, bins: range) -> Occluded:
+        """Those of some ``bins``; their points are not arranged anew."""
+        part = self.fragments.between(bins.start, bins.stop)
+        return Occluded(self.fragments.chosen(part), self.seen[part], self.points)
+
     @property
     def nbytes(self) -> int:
         """Memory in bytes of the columns on the host."""
@@ -261,6 +269,12 @@ class LensView:
             Occluded(chosen, seen_of_chosen, more, Jitter(chosen, lens_points.cell)),
         )
 
+    def between(self, bins: range) -> LensView:
+        """The view of some ``bins``, with all highlights."""
+        part = self.unoccluded.between(bins.start, bins.stop)
+        unoccluded, occluded = self.unoccluded.chosen(part), self.occluded.between(bins)
+        return LensView(unoccluded, occluded, self.highlights)
+
     def coarser(self, factor: int) -> LensView:
         """The same on subpixels, and in bins of depth, ``factor`` times as large."""
         unoccluded = self.unoccluded.coarser_linearly(factor)
@@ -304,23 +318,37 @@ class ViewPyramid:
     def __init__(
         self, finest: LensView, density: np.ndarray | None, moments: np.ndarray | None
     ) -> None:
-        self._levels = {1: finest}
+        self.finest = finest
         self.density, self.moments = density, moments
+        self._coarser: dict[int, dict[range, LensView]] = {}
 
-    def at(self, factor: int) -> LensView:
-        """The view on subpixels, and in bins of depth, ``factor`` times as large."""
-        if factor not in self._levels:
-            self._levels[factor] = self._levels[1].coarser(factor)
-        return self._levels[factor]
+    def at(self, factor: int, bins: range) -> LensView:
+        """The view of some ``bins``, on subpixels, and in bins of depth, ``factor`` times as large.
+
+        It may have others, too. A single picture needs few of the coarser ones, so parts are made
+        of what is asked for; where more and more is asked for, the whole is.
+        """
+        if factor == 1:
+            return self.finest
+        parts = self._coarser.setdefault(factor, {})
+        for of, view in parts.items():
+            if bins.start >= of.start and bins.stop <= of.stop:
+                return view
+        if len(parts) >= COARSER_PARTS:
+            parts.clear()
+            bins = range(MAX_BINS + 1)
+        else:
+            bins = range(bins.start // factor * factor, -(-bins.stop // factor) * factor)
+        parts[bins] = self.finest.between(bins).coarser(factor)
+        return parts[bins]
 
     @property
     def nbytes(self) -> int:
         """Memory in bytes: the columns of all levels, each on the host and on the device."""
-        finest = self._levels[1]
-        views = list(self._levels.values())
+        views = [self.finest, *(view for of in self._coarser.values() for view in of.values())]
         kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
         of_samples = sum(of.nbytes for of in (self.density, self.moments) if of is not None)
-        return 2 * (finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
+        return 2 * (self.finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
 
 
 def _with_known(

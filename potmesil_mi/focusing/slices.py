@@ -166,7 +166,7 @@ def plan(
     ``blur`` is that of the lens in subpixels.
     """
     groups = []
-    for band in bands(views.at(1), blur, fineness.kept_radius):
+    for band in bands(views.finest, blur, fineness.kept_radius):
         slices = [
             _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster).planned(fineness)
             for raster in band.rasters()
@@ -201,7 +201,8 @@ class _SlicePlanner:
         raster: Raster,
     ) -> None:
         factor = raster.resolution
-        self.view, self.band, self.raster = views.at(raster.coarsening), band, raster
+        self.band, self.raster = band, raster
+        self.view = views.at(raster.coarsening, range(band.first, band.end))
         self.blur = Blur(blur.radius_per_vergence / factor, blur.focused_vergence)
         self.inner, self.outer = band.inner / factor, band.outer / factor
         # Farther than the window is wide, and a pixel more to interpolate with, nothing is seen.

@@ -186,8 +186,11 @@ def visibility_points(radius: Sequence[float]) -> np.ndarray:
 
 def points_that_see(visibility: np.ndarray) -> np.ndarray:
     """How many bits of each of uint64 (N,) are set, int64 (N,)."""
-    by_byte = np.unpackbits(visibility.view(np.uint8).reshape(-1, 8), axis=1)
-    return by_byte.sum(axis=1, dtype=np.int64)
+    count = np.full(len(visibility), VISIBILITY_POINTS, np.int64)
+    partly = visibility != np.iinfo(np.uint64).max
+    by_byte = np.unpackbits(visibility[partly].view(np.uint8).reshape(-1, 8), axis=1)
+    count[partly] = by_byte.sum(axis=1, dtype=np.int64)
+    return count
 
 
 def is_optional(field: dataclasses.Field[Any]) -> bool:
