@@ -60,6 +60,27 @@ def test_every_subpixel_keeps_its_own_light():
         )
 
 
+@pytest.mark.parametrize("lattice", [0, 4])
+@pytest.mark.parametrize("every", [1, 2, 9])
+def test_gathering_some_of_the_samples_is_as_if_there_were_no_others(monkeypatch, every, lattice):
+    samples = every_kind()
+    if lattice:
+        x, y = (np.floor(of * lattice) / lattice for of in (samples.x, samples.y))
+        samples = samples.replace(x=x, y=y, lattice=lattice)
+    bins = gathering_module.Bins.of(samples.z, 3.0)
+    # Parts that are meant as a whole, mostly, in a few places and not at all.
+    which = np.arange(len(samples)) % every != every // 2
+    which[: len(samples) // 3] ^= True
+    which[-3000:] = False
+    monkeypatch.setattr(gathering_module, "GATHERED_AT_ONCE", 2000)
+    some = gather(samples, 2, 3.0, alpha=True, bins=bins, which=which)
+    alone = gather(samples.chosen(which), 2, 3.0, alpha=True, bins=bins)
+    for name in ("x", "y", "bin"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(alone, name))
+    for name in ("vergence", "values", "gap_in_front"):
+        np.testing.assert_allclose(getattr(some, name), getattr(alone, name), rtol=1e-4, atol=1e-7)
+
+
 def test_gathering_in_parts_gives_the_same(monkeypatch):
     samples = every_kind()
     at_once = gather(samples, 1, 3.0, alpha=True)

@@ -1,13 +1,16 @@
 """What the lens sees: its points, and what the rim cuts."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.focusing.lens_view import LensPoints
-from scenes import synthetic
+from potmesil_mi.focusing import lens_view
+from potmesil_mi.focusing.gathering import gather
+from potmesil_mi.focusing.lens_view import LensPoints, LensView, ViewPyramid
+from scenes import overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -35,3 +38,31 @@ def test_the_rim_is_centred_where_the_camera_looks():
     # Mitsuba's perspective looks along the pixel (0.5 - offset) times the film's size.
     expected = (0.3 * 20 * 2, 0.6 * 14 * 2)
     assert lens_points(shifted, vignetting=0.5).middle == pytest.approx(expected)
+
+
+def assert_same_bins(part, whole, bins):
+    """The fragments of some bins are the same in both."""
+    ours, theirs = (of.between(bins.start, bins.stop) for of in (part, whole))
+    assert ours.stop > ours.start
+    for name in ("x", "y", "bin", "vergence", "values"):
+        np.testing.assert_array_equal(getattr(part, name)[ours], getattr(whole, name)[theirs])
+
+
+def test_parts_of_a_coarser_view_are_as_in_the_whole_which_is_made_where_many_are_asked_for():
+    samples = overscanned(5000)
+    fragments = gather(samples, 2, 20.0)
+    view = LensView.of(fragments, 20.0, lens_points(samples))
+    whole = view.coarser(2)
+    views = ViewPyramid(view, None, None)
+    last = int(fragments.bin.max()) + 1
+    ends = np.linspace(0, last, lens_view.COARSER_PARTS + 2).astype(int)
+    parts = [range(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+    made = [views.at(2, bins) for bins in parts]
+    assert views.at(1, parts[0]) is view
+    for bins, part in zip(parts, made, strict=True):
+        coarse = range(bins.start // 2, -(-bins.stop // 2))
+        assert_same_bins(part.unoccluded, whole.unoccluded, coarse)
+        assert_same_bins(part.occluded.fragments, whole.occluded.fragments, coarse)
+    assert views.at(2, range(parts[0].start, parts[0].stop)) is made[-1]
+    assert len(made[-1].unoccluded) == len(whole.unoccluded) > len(made[0].unoccluded)
+    assert views.nbytes > 2 * whole.unoccluded.nbytes

@@ -6,7 +6,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.optics.disc import lens_points
 from potmesil_mi.samples import point_samples
-from potmesil_mi.samples.columns import COLUMNS, Columns
+from potmesil_mi.samples.columns import COLUMNS, Columns, points_that_see
 from potmesil_mi.samples.raster import Window
 from scenes import overscanned, papers_scene, pinhole_mean, synthetic
 
@@ -442,3 +442,9 @@ def test_shares_of_a_ray_are_one_of_the_samples_a_pixel(monkeypatch, enough):
     twice |= {name: np.repeat(getattr(once, name), 2) for name in ("alpha", "surface", "layer")}
     both = once.replace(**twice, weight=0.2 * np.stack([part, 1 - part], axis=1).ravel())
     assert both.spp == 5
+
+
+def test_as_many_lens_points_see_a_sample_as_bits_are_set():
+    visibility = np.array([0, 1, 2**63, 2**64 - 1, 2**64 - 2, 0b1011 << 30], np.uint64)
+    np.testing.assert_array_equal(points_that_see(visibility), [0, 1, 1, 64, 63, 3])
+    assert len(points_that_see(visibility[:0])) == 0
