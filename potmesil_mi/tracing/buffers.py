@@ -117,7 +117,7 @@ class Shown:
         )
 
 
-def to_host(traced: Traced, *more: mi.Float) -> tuple[Shown, list[np.ndarray]]:
+def to_host(traced: Traced, *more: mi.Float | mi.UInt8) -> tuple[Shown, list[np.ndarray]]:
     """What rays show, and ``more`` arrays, as NumPy arrays, by one kernel.
 
     Each array asked for alone would trace the rays again. On the CPU the results are Dr.Jit's own
@@ -159,6 +159,9 @@ class SampleBuffer:
             weight=_empty(mi.Float, capacity),
             layer=_empty(mi.UInt8, capacity),
         )
+
+    def __len__(self) -> int:
+        return self._count
 
     def add(
         self,

@@ -164,14 +164,16 @@ def _with_hidden(
     windows = rays.may_see_images and not lens.telecentric and min(lens.radius) > 0
     seen = None
     if windows:
-        seen = seen_through(first.x, first.y, np.zeros(primary, np.float32), rays, lens)
+        onward = visible.goes_on
+        places = first.x[onward], first.y[onward], np.zeros(len(onward), np.float32)
+        seen = seen_through(*places, rays, lens).among(primary, onward)
     if layers > 1:
         chosen = _may_hide(rays, first, seen, window, widest)
         if len(chosen) > 0:
             start = add_hidden(buffer, chosen, rays, lens, layers, paths)
     lobes = []
     if seen is not None and rays.may_part_light:
-        lobes = part_lobes(buffer, seen.through, rays, lens, paths, layers)
+        lobes = part_lobes(buffer, visible.goes_on, seen.through, rays, lens, paths, layers)
     if any(rays.veils):
         split(buffer, primary, rays, paths, lens.parallax if layers > 1 else 0.0)
     columns = buffer.columns()

@@ -38,32 +38,33 @@ LABEL = "Reflections"
 
 def part_lobes(
     buffer: SampleBuffer,
+    which: np.ndarray,
     through: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
     paths: int,
     layers: int,
 ) -> list[Columns]:
-    """Part those of the first samples, of one ray each, whose light glass parts.
+    """Part those of the samples ``which``, int (n,), whose light glass parts.
 
-    ``through``, (N,), is theirs. Returns samples of the first lesser lobe, and of the second, if
-    there are any. Each is shaded by ``paths`` paths. What is seen straight through a pane shows
-    beside it, too: with more than one of the ``layers`` it gets hidden twins of the share that the
-    pane keeps back.
+    They are of one ray each, among the first ones, whose ``through``, (N,), is given. Returns
+    samples of the first lesser lobe, and of the second, if there are any. Each is shaded by
+    ``paths`` paths. What is seen straight through a pane shows beside it, too: with more than one
+    of the ``layers`` it gets hidden twins of the share that the pane keeps back.
     """
-    primary = len(through)
+    primary, count = len(through), len(which)
     columns = buffer.columns()
     x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary].copy()
-    number = np.repeat(np.arange(MOST_LOBES, dtype=np.uint32), primary)
-    every = np.tile(x, MOST_LOBES), np.tile(y, MOST_LOBES), np.zeros(len(number), np.float32)
-    seen = seen_through(*every, rays, lens, number)
+    number = np.repeat(np.arange(MOST_LOBES, dtype=np.uint32), count)
+    at_x, at_y = (np.tile(of[which], MOST_LOBES) for of in (x, y))
+    seen = seen_through(at_x, at_y, np.zeros(len(number), np.float32), rays, lens, number)
     share = share_of(seen.share)
     # Only what one surface parts is parted by a second one.
-    share[np.tile(seen.share[:primary] == 0, MOST_LOBES)] = 0
+    share[np.tile(seen.share[:count] == 0, MOST_LOBES)] = 0
     seen, (lobe,) = seen.chosen(share > 0), np.nonzero(share)
     if len(lobe) == 0:
         return []
-    where, number, share = lobe % primary, number[lobe], share[lobe]
+    where, number, share = which[lobe % count], number[lobe], share[lobe]
 
     def trace(position: mi.Point2f, number: mi.UInt32) -> Traced:
         return by_lobe(rays, *rays.sampled(position), number)[0]
@@ -89,13 +90,13 @@ def part_lobes(
         albedo=shown.albedo,
         normal=shown.normal,
     )
-    which = np.flatnonzero(kept < 1)
-    rgb = (light[which] / kept[which, None]).astype(np.float32)
-    kept_light = dataclasses.replace(Shown.of(columns, which), rgb=rgb)
-    buffer.put(which, kept_light, weight[which] * kept[which])
+    lit = np.flatnonzero(kept < 1)
+    rgb = (light[lit] / kept[lit, None]).astype(np.float32)
+    kept_light = dataclasses.replace(Shown.of(columns, lit), rgb=rgb)
+    buffer.put(lit, kept_light, weight[lit] * kept[lit])
     if layers > 1:
-        beside = through[which] == 0
-        twins = which[beside]
+        beside = through[lit] == 0
+        twins = lit[beside]
         shares = weight[twins] * (1 - kept[twins])
         buffer.add(x[twins], y[twins], kept_light[beside], shares, TWINS)
     return [parted.chosen(number == lobe) for lobe in np.unique(number)]

@@ -41,11 +41,14 @@ class VisibleSamples:
     ============================  ==========================================================
     ``buffer``                    the samples, to which hidden ones can be added
     ``lattice``                   positions are multiples of 1/lattice pixels; 0: anywhere
+    ``goes_on``                   int64 (n,), numbers of the samples whose rays may go on at what
+                                  they meet first
     ============================  ==========================================================
     """
 
     buffer: SampleBuffer
     lattice: int
+    goes_on: np.ndarray
 
 
 def sample_visible(
@@ -71,7 +74,7 @@ def sample_visible(
     buffer = SampleBuffer(len(points.ix))
     x, y = _positions(points.ix, points.iy, lattice, window)
     buffer.add(x, y, points.shown, points.weight, layer=0)
-    return VisibleSamples(buffer, lattice)
+    return VisibleSamples(buffer, lattice, np.arange(len(x)))
 
 
 # ---------------------------------------------------------------- by the sampler
@@ -89,25 +92,31 @@ def _by_sampler(
     parts = sampler_cells(rays.crop, window)
     # There is room for as many hidden samples, too.
     buffer = SampleBuffer(sum(map(len, parts)) * spp * min(sampling.layers, 2))
-    for cells in parts:
-        _sample_cells(buffer, rays, cells, cells.area / spp)
+    go_on = [_sample_cells(buffer, rays, cells, cells.area / spp) for cells in parts]
     if sampling.refine > 0:
-        _refine(buffer, rays, parts[0], sampling, fireflies)
-    return VisibleSamples(buffer, 0)
+        go_on.append(_refine(buffer, rays, parts[0], sampling, fireflies))
+    return VisibleSamples(buffer, 0, np.concatenate(go_on))
 
 
 def _sample_cells(
     buffer: SampleBuffer, rays: PrimaryRays, cells: Cells, weight: np.ndarray
-) -> None:
-    """Add ``spp`` samples in each cell, whose ``weight``, (N,), is that of each of them."""
+) -> np.ndarray:
+    """Add ``spp`` samples in each cell, whose ``weight``, (N,), is that of each of them.
+
+    Returns the numbers, int64 (n,), of those whose rays go on at what they meet first.
+    """
     spp = rays.passes.spp
+    go_on = [np.empty(0, np.int64)]
     for part in track(wavefronts(len(cells), spp), "Sampling"):
         here = cells[part]
         rays.passes.begin(len(here) * spp)
         position, end = here.positions(rays.passes.sampler.next_2d(), spp)
-        traced = rays.trace(position)
-        shown, (x, y) = to_host(traced, _before(position.x, end.x), _before(position.y, end.y))
+        traced, goes_on = rays.traced(position)
+        places = _before(position.x, end.x), _before(position.y, end.y)
+        shown, (x, y, onward) = to_host(traced, *places, dr.select(goes_on, mi.UInt8(1), 0))
+        go_on.append(len(buffer) + np.flatnonzero(onward))
         buffer.add(x, y, shown, np.repeat(weight[part], spp), layer=0)
+    return np.concatenate(go_on)
 
 
 def _refine(
@@ -116,10 +125,10 @@ def _refine(
     pixels: Cells,
     sampling: Sampling,
     fireflies: Fireflies,
-) -> None:
+) -> np.ndarray:
     """Add further sets of samples to the ``pixels`` of the crop window, which come first.
 
-    All samples of a pixel then count the same.
+    All samples of a pixel then count the same. Returns what :func:`_sample_cells` does.
     """
     spp, columns, lens = rays.passes.spp, buffer.columns(), rays.sensor.lens()
     scale = 0.0
@@ -136,7 +145,7 @@ def _refine(
     sets = further_sets(score.reshape(size), sampling.refine).ravel()
     weight = 1 / (spp * (1 + sets))
     columns.weight[: len(pixels) * spp] = np.repeat(weight, spp)
-    _sample_cells(buffer, rays, pixels.repeated(sets), np.repeat(weight, sets))
+    return _sample_cells(buffer, rays, pixels.repeated(sets), np.repeat(weight, sets))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -61,10 +61,15 @@ class PrimaryRays:
         The sampler is asked in the order in which Mitsuba's own integrators ask it, so that
         the rays and the radiance are theirs.
         """
+        return self.traced(position)[0]
+
+    def traced(self, position: mi.Point2f) -> tuple[Traced, mi.Bool]:
+        """The same, and which of the rays go on at what they meet first."""
         ray, ray_weight = self.sampled(position)
         visible = self.visible(mi.Ray3f(ray))
         surface, medium = self.surface_of(visible.hit), self.sensor.get_medium()
-        return self.shaded(ray, ray_weight, visible.depth, surface, medium, visible.hit)
+        traced = self.shaded(ray, ray_weight, visible.depth, surface, medium, visible.hit)
+        return traced, visible.goes_on
 
     def trace_from(
         self,

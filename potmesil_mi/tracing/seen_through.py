@@ -44,6 +44,13 @@ class SeenThrough(NamedTuple):
         """Those of the samples of which ``which``, bool (N,), is true."""
         return SeenThrough(*(column[which] for column in self))
 
+    def among(self, count: int, which: np.ndarray) -> SeenThrough:
+        """Those of ``count`` samples, of which they are the samples ``which``, int (N,)."""
+        every = SeenThrough(*(np.zeros(count, column.dtype) for column in self))
+        for column, own in zip(every, self, strict=True):
+            column[which] = own
+        return every
+
     def followed_by(self, other: SeenThrough) -> SeenThrough:
         """Those of these samples and then those of ``other``."""
         return SeenThrough(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))

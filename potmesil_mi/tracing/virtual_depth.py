@@ -48,6 +48,7 @@ class Visible(NamedTuple):
     ``is_rough``                  whether ``hit`` shows an image, whose depth is in ``depth``, but
                                   is so rough that no single ray tells where: the chain ends there
     ``first``                     what the ray meets first, a mirror or a pane perhaps
+    ``goes_on``                   whether the ray goes on there
     ``through_window``            whether what is seen is an image, by reflection or refraction,
                                   and ``depth`` is that of the image: the chain has turned the ray,
                                   or ends at something rough that does
@@ -79,6 +80,7 @@ class Visible(NamedTuple):
     hit: mi.SurfaceInteraction3f
     is_rough: mi.Bool
     first: mi.SurfaceInteraction3f
+    goes_on: mi.Bool
     through_window: mi.Bool
     last: mi.Ray3f
     throughput: mi.UnpolarizedSpectrum
@@ -97,6 +99,7 @@ class Visible(NamedTuple):
             hit=mi.SurfaceInteraction3f(hit),
             is_rough=mi.Bool(False),
             first=hit,
+            goes_on=mi.Bool(False),
             through_window=mi.Bool(False),
             last=ray,
             throughput=mi.UnpolarizedSpectrum(1),
@@ -230,11 +233,11 @@ def trace_visible(
 
     start = _start(ray, hit, axis, _depth(origin, axis, hit) / dr.dot(ray.d, axis))
     end = followed(start, None, lesser)
-    depth, is_rough = depth_of(end), mi.Bool(False)
+    depth, is_rough, goes_on = depth_of(end), mi.Bool(False), end.count > 0
     if alphas is not None:
         beyond = dataclasses.replace(end, active=may_go_on(end.hit, alphas))
         beyond = followed(beyond, alphas, None)
-        is_rough = beyond.turns > end.turns
+        is_rough, goes_on = beyond.turns > end.turns, beyond.count > 0
         image = dr.rcp(beyond.vergence + beyond.sharpness / depth_of(beyond))
         depth = dr.select(is_rough, image, depth)
     through_window = (end.turns > 0) | is_rough
@@ -244,6 +247,7 @@ def trace_visible(
         hit=end.hit,
         is_rough=is_rough,
         first=hit,
+        goes_on=goes_on,
         through_window=through_window,
         last=end.ray,
         throughput=end.throughput,
