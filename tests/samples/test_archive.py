@@ -153,6 +153,16 @@ def test_bits_that_are_alike_take_little_room(tmp_path, monkeypatch):
     assert sizes["x"] < 0.7 * samples.x.nbytes
 
 
+@pytest.mark.parametrize("which", archive.ZSTD_COLUMNS)
+def test_columns_of_one_number_are_not_taken_for_damage(tmp_path, monkeypatch, which):
+    """Nothing is smaller than what a reader believes."""
+    monkeypatch.undo()
+    count = 1 << 17
+    samples = synthetic(count, **{which: np.full(count, 0.5)})
+    samples.save(tmp_path / "a.samples")
+    assert_equal(pm.PointSamples.load(tmp_path / "a.samples"), samples)
+
+
 def test_archives_are_the_same_whatever_process_wrote_them(tmp_path):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
@@ -253,7 +263,8 @@ def test_samples_that_no_program_saves_are_damage(saved, field, value):
     entries = entries_of(saved)
     column = np.array(getattr(synthetic(COUNT), field))
     column[[3, 200]] = value
-    frames = [archive._pack(column[i : i + archive.FRAME]) for i in range(0, COUNT, archive.FRAME)]
+    parts = [column[i : i + archive.FRAME] for i in range(0, COUNT, archive.FRAME)]
+    frames = [archive._pack(field, part) for part in parts]
     write_entries(saved, {**entries, field: b"".join(frames)})
     refused(saved, f"2 of {COUNT} samples have")
 
