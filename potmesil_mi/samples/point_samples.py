@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 ENOUGH_TO_COUNT = 1 << 18
 """So many samples tell how many there are in a pixel."""
+
+ROUNDED_PLACES = 0.01
+"""Samples of a pixel that rounding may have moved to the next row."""
 
 CROWDED = 0.25
 """Hidden samples for each visible one from which on a scene is crowded with things that the lens
@@ -150,22 +154,26 @@ class PointSamples(Columns):
     def spp(self) -> int:
         """Primary rays in a pixel of the crop window: mean, rounded down.
 
-        What a ray sees behind half-transparent things are several samples, of one position. Where
-        samples do not all count the same it is the mean over some rows of pixels.
+        What a ray sees behind half-transparent things are several samples, of one position. Of many
+        samples those of some rows of pixels are counted.
         """
         crop = self.crop_window
-        own = crop.shows(self.x, self.y, self.window) & (self.layer == 0)
-        weight, rows = self.weight[own], crop.height
-        if len(weight) == 0 or weight.min() == weight.max():
-            return len(weight) // crop.size
-        every = min(-(-len(weight) // ENOUGH_TO_COUNT), crop.height)
+        some: slice | np.ndarray = slice(None)
+        every = min(-(-len(self) // ENOUGH_TO_COUNT), crop.height) if self.lattice == 0 else 1
+        pixels = len(range(every // 2, crop.height, every)) * crop.width
         if every > 1:
-            own &= (np.floor(self.y) - crop.top) % every == every // 2
-            rows = len(range(every // 2, crop.height, every))
-        x, y = (of[own].view(np.uint32) for of in (self.x, self.y))
-        # NumPy's own unique hashes them, which takes seconds for these.
-        places = np.sort(x.astype(np.uint64) << np.uint64(32) | y)
-        return (1 + np.count_nonzero(np.diff(places))) // (rows * crop.width)
+            rows = self.y.astype(np.int32) - crop.top
+            some = np.flatnonzero(rows % every == every // 2)
+        x, y = self.x[some], self.y[some]
+        own = crop.shows(x, y, self.window) & (self.layer[some] == 0)
+        weight = self.weight[some][own]
+        count = len(weight)
+        if count > 0 and weight.min() < weight.max():
+            x, y = (of[own].view(np.uint32) for of in (x, y))
+            # NumPy's own unique hashes them, which takes seconds for these.
+            places = np.sort(x.astype(np.uint64) << np.uint64(32) | y)
+            count = 1 + np.count_nonzero(np.diff(places))
+        return math.floor(count / pixels + ROUNDED_PLACES)
 
     @functools.cached_property
     def hidden_to_visible(self) -> float:
