@@ -107,8 +107,9 @@ def add_output(command: argparse.ArgumentParser) -> None:
 def add_variant(command: argparse.ArgumentParser) -> None:
     """Add the option that names Mitsuba's variants."""
     command.add_argument(
-        "-m", "--variant", default=",".join(VARIANTS),
-        help="Mitsuba variants, of which the first that works is taken (default %(default)s)",
+        "-m", "--variant",
+        help="Mitsuba variants, of which the first that works is taken (default "
+        f"{','.join(VARIANTS)})",
     )  # fmt: skip
 
 
@@ -279,8 +280,8 @@ def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def set_variant(names: str) -> None:
-    """Set the first of Mitsuba's variants that works, of several with commas between."""
+def set_variant(names: str | None) -> None:
+    """Set the first that works of Mitsuba's variants, which are those of the option."""
     import mitsuba as mi
 
-    mi.set_variant(*names.split(","))
+    mi.set_variant(*(VARIANTS if names is None else names.split(",")))
