@@ -29,6 +29,9 @@ LEAST_WANTED = 1e-9
 STEPS = 24
 """Bisections by which the number of samples is met."""
 
+ENOUGH_PIXELS = 1 << 16
+"""So many pixels, of some rows, tell how many samples all of them get."""
+
 R2 = (0.7548776662466927, 0.5698402909980532)
 """Steps across and down of a sequence that fills the unit square evenly: the powers of the inverse
 of 1.3247, the root of x³ = x + 1 (Roberts 2018)."""
@@ -85,15 +88,16 @@ def further_sets(score: np.ndarray, share: float) -> np.ndarray:
     row, column = np.indices(score.shape)
     threshold = (row * R2[0] + column * R2[1]) % 1
 
-    def sets(scale: float) -> np.ndarray:
-        more = np.clip(scale * wanted - 1, 0, MOST_SETS)
+    def sets(scale: float, rows: slice) -> np.ndarray:
+        more = np.clip(scale * wanted[rows] - 1, 0, MOST_SETS)
         below = np.where(more < 1, 0, 2 ** np.floor(np.log2(np.maximum(more, 1))))
         part = (more - below) / np.maximum(below, 1)
-        return np.where(part > threshold, np.maximum(2 * below, 1), below).astype(np.int64)
+        return np.where(part > threshold[rows], np.maximum(2 * below, 1), below).astype(np.int64)
 
     # Numbers whose ratio is halved as a sum is.
     low, high = 1 / wanted.max(), (1 + MOST_SETS) / least
+    some = slice(None, None, -(-score.size // ENOUGH_PIXELS))
     for _ in range(STEPS):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if sets(middle).mean() <= share else (low, middle)
-    return sets(low)
+        low, high = (middle, high) if sets(middle, some).mean() <= share else (low, middle)
+    return sets(low, slice(None))
