@@ -68,17 +68,21 @@ def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         return scipy.fft.irfftn(spectrum, padded)[: shape[0], : shape[1]]
 
 
-def convolve_cyclically(images: Sequence[np.ndarray], kernels: Sequence[np.ndarray]) -> np.ndarray:
-    """The sum of images, each spread by its kernel, by one inverse transform.
+def convolve_cyclically(
+    images: Sequence[np.ndarray], spectra: Sequence[np.ndarray], frame: tuple[int, int]
+) -> np.ndarray | None:
+    """The sum of images, each spread by the kernel of its spectrum; ``None`` where all are empty.
 
-    Images are float32 (H, W, C), with C channels; kernels (K, L), of odd sizes up to (H, W). What
-    leaves the frame on one side comes in on the other. Images may be overwritten.
+    Images are float32 (H, W, C), with C channels, and no larger than the ``frame``, to which the
+    sum is filled up; spectra have all channels. What leaves the frame on one side comes in on the
+    other.
     """
-    height, width = images[0].shape[:2]
-    total = np.zeros(0, dtype=np.complex64)
-    with scipy.fft.set_workers(os.cpu_count() or 1):
-        for image, kernel in zip(images, kernels, strict=True):
-            spectrum = scipy.fft.rfft2(image, axes=(0, 1), overwrite_x=True)
-            spectrum *= kernel_spectrum(kernel, (height, width), np.float32)[..., None]
-            total = np.add(total, spectrum, out=total) if total.size else spectrum
-        return scipy.fft.irfft2(total, (height, width), axes=(0, 1), overwrite_x=True)
+    total = None
+    for image, spectrum in zip(images, spectra, strict=True):
+        if image.any():
+            light = scipy.fft.rfft2(image, frame, axes=(0, 1))
+            light *= spectrum
+            total = light if total is None else np.add(total, light, out=total)
+    if total is None:
+        return None
+    return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
