@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 from typing import Any
 
 import drjit as dr
@@ -28,6 +29,9 @@ INFERRED = -1
 
 COVERS = -2
 """The same of a mirror or pane: it covers others, and its light is that of other fragments."""
+
+SPARSE = 0.25
+"""Values for each of a target's up to which they are scattered fastest without copies of it."""
 
 SHARE = 3
 """Column of ``Fragments.values`` with the share of the subpixel's area."""
@@ -242,13 +246,16 @@ class FragmentColumns:
         )
 
 
-def scatter_mode() -> dr.ReduceMode:
+def scatter_mode(density: float = math.inf) -> dr.ReduceMode:
     """The mode in which sums are scattered fastest, and right.
 
-    With LLVM Dr.Jit would choose ``Local`` for large targets, which is several times slower.
-    ``Expand`` gives each of Dr.Jit's threads a copy of the target, and one copy to all of Python's
-    threads: any that waits for arrays works along, so with several of them sums get lost.
+    ``density`` is how many values are scattered for each of the target's. With LLVM Dr.Jit would
+    choose ``Local`` for large targets, which is several times slower. ``Expand`` gives each of
+    Dr.Jit's threads a copy of the target, which takes long where little is scattered. One copy it
+    gives to all of Python's threads: any that waits for arrays works along, so with several of them
+    sums get lost.
     """
     if dr.backend_v(jit.Float) != dr.JitBackend.LLVM:
         return dr.ReduceMode.Auto
-    return dr.ReduceMode.Expand if jit.evaluates_alone() else dr.ReduceMode.Direct
+    pays = density > SPARSE and jit.evaluates_alone()
+    return dr.ReduceMode.Expand if pays else dr.ReduceMode.Direct

@@ -28,11 +28,12 @@ LEAST_WIDTH = 0.05
 
 
 class ImageStack:
-    """Images, ``count`` of the pixels of ``box``, into which light is scattered."""
+    """Images, ``count`` of the pixels of ``box``, into which light is scattered ``times`` times."""
 
-    def __init__(self, count: int, box: Window, channels: int) -> None:
+    def __init__(self, count: int, box: Window, channels: int, times: int) -> None:
         self.shape = (count, *box.shape)
         size = count * box.size
+        self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
 
@@ -52,14 +53,13 @@ class ImageStack:
         With ``only_colours`` neither the share of the area nor alpha is added. From ``term`` 1 on
         these are not the values but their moments.
         """
-        mode = scatter_mode()
         values = dr.gather(jit.Array4f, columns.values[term], fragment, active)
         if only_colours:
             values.w = 0
-        dr.scatter_add(self.colours, values * share, place, active, mode=mode)
+        dr.scatter_add(self.colours, values * share, place, active, mode=self.mode)
         if self.alpha is not None and not only_colours:
             values = dr.gather(jit.Float, columns.alpha[term], fragment, active)
-            dr.scatter_add(self.alpha, values * share, place, active, mode=mode)
+            dr.scatter_add(self.alpha, values * share, place, active, mode=self.mode)
 
     def start(self) -> None:
         """Have the images made, without waiting for them."""
@@ -114,7 +114,8 @@ def _splat_moments(depth_slice: DepthSlice, channels: int) -> list[ImageStack]:
     for each in depth_slice.points:
         on_device = each.occluded.on_device
         kinds.append((on_device.fragments, each.part, on_device.seen_sum))
-    stacks = [ImageStack(1, box, channels) for _ in range(depth_slice.moments)]
+    times = sum(part.stop - part.start for _, part, _ in kinds)
+    stacks = [ImageStack(1, box, channels, times) for _ in range(depth_slice.moments)]
     for columns, part, seen in kinds:
         if not stacks or part.start == part.stop or columns.offset is not None:
             continue
@@ -130,8 +131,9 @@ def _splat_moments(depth_slice: DepthSlice, channels: int) -> list[ImageStack]:
 def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) -> KernelImages:
     """Unoccluded fragments in images of the kernel radii around theirs."""
     columns, part, box = circles.fragments.on_device, circles.part, depth_slice.box
-    stack = ImageStack(len(circles.kernels), box, channels)
-    fragment = dr.arange(jit.UInt32, part.stop - part.start)
+    count = part.stop - part.start
+    stack = ImageStack(len(circles.kernels), box, channels, 2 * count)
+    fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
     size = dr.opaque(jit.UInt32, box.size)
     place = _place(columns, fragment, box)
@@ -200,8 +202,9 @@ def _splat_points(
     occluded, part, box = points.occluded, points.part, depth_slice.box
     on_device, count = occluded.on_device, len(occluded.points)
     columns = on_device.fragments
-    stack = ImageStack(len(depth_slice.octaves), box, channels)
-    lane = dr.arange(jit.UInt32, (part.stop - part.start) * count)
+    lanes = (part.stop - part.start) * count
+    stack = ImageStack(len(points.kernels), box, channels, 4 * lanes)
+    lane = dr.arange(jit.UInt32, lanes)
     fragment = lane // dr.opaque(jit.UInt32, count)
     point = lane - fragment * dr.opaque(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
@@ -228,7 +231,7 @@ def _splat_points(
     x0, y0 = dr.floor(x), dr.floor(y)
     width = dr.opaque(jit.UInt32, box.width)
     place = jit.UInt32(y0) * width + jit.UInt32(x0)
-    for edge in depth_slice.octaves[1:]:
+    for edge in depth_slice.octaves[1 : len(points.kernels)]:
         beyond = dr.abs(radius) >= dr.opaque(jit.Float, edge)
         place += dr.select(beyond, dr.opaque(jit.UInt32, box.size), 0)
     seen *= own * own
