@@ -1,6 +1,7 @@
 """Spreading: the images of a slice, each by its kernel, become light. Linear in the images.
 
-Light is made tile by tile: tiles stay in the processor's cache, and many have no light.
+Light is made tile by tile: tiles stay in the processor's cache, and where no light is near an image
+is not even read.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from ..samples.raster import Window
 ROWS = 32
 """Rows of an image that are worked on at once: they stay in the processor's cache."""
 
+CELL = 4
+"""Width in pixels of the cells of which one knows whether there is light."""
+
 TILE = 128
 """Width in pixels of tiles, with what is around them."""
 
@@ -25,38 +29,65 @@ TILE_REACHES = 12
 """The least such width in reaches of the kernels: then little of it is around the tile."""
 
 
-def spread(images: Sequence[np.ndarray], kernels: Sequence[np.ndarray]) -> np.ndarray:
+class _Image(NamedTuple):
+    """An image (H, W, C), its kernel, and which of its cells may have light, (h, w)."""
+
+    light: np.ndarray
+    kernel: np.ndarray
+    lit: np.ndarray | None
+
+    def near(self, rows: slice, columns: slice) -> np.ndarray | None:
+        """A part of the image; ``None`` where it has no light."""
+        if self.lit is not None:
+            down, across = (
+                slice(of.start // CELL, (of.stop - 1) // CELL + 1) for of in (rows, columns)
+            )
+            if not self.lit[down, across].any():
+                return None
+        return self.light[rows, columns]
+
+
+def spread(
+    images: Sequence[np.ndarray],
+    kernels: Sequence[np.ndarray],
+    lit: Sequence[np.ndarray] | None = None,
+) -> np.ndarray:
     """The sum of images, float32 (H, W, C), each spread by its kernel: float32 (H, W, C).
 
     A kernel is an array (K, L), or a short symmetric row (n,) that spreads along both axes one
     after the other. Around the light, images have empty borders as wide as half their kernels.
+    ``lit`` tells for each which of its cells, of ``CELL`` x ``CELL`` pixels, may have light, bool
+    (h, w); all, by default.
     """
-    pairs = list(zip(images, kernels, strict=True))
-    wide = [pair for pair in pairs if pair[1].ndim == 2]
-    by_row = [pair for pair in pairs if pair[1].ndim == 1]
-    total = np.zeros_like(images[0])
+    every = list(map(_Image, images, kernels, lit or [None] * len(images)))
+    wide = [image for image in every if image.kernel.ndim == 2]
+    by_row = [image for image in every if image.kernel.ndim == 1]
+    total = np.empty_like(images[0])
     height, width, channels = total.shape
     down, across = (
-        _Cut.of(size, max((kernel.shape[axis] // 2 for _, kernel in wide), default=0))
+        _Cut.of(size, max((image.kernel.shape[axis] // 2 for image in wide), default=0))
         for axis, size in enumerate((height, width))
     )
     frame = down.frame, across.frame
     spectra = [
-        np.repeat(kernel_spectrum(kernel, frame, np.float32)[..., None], channels, axis=2)
-        for _, kernel in wide
+        np.repeat(kernel_spectrum(image.kernel, frame, np.float32)[..., None], channels, axis=2)
+        for image in wide
     ]
 
     def spread_to(tile: Window) -> None:
         place = tile.slices_in(Window(0, 0, width, height))
         rows, columns = down.around(place[0]), across.around(place[1])
-        near = [image[rows, columns] for image, _ in wide]
-        with scipy.fft.set_workers(workers):
-            light = convolve_cyclically(near, spectra, frame)
-        if light is not None:
+        near = [image.near(rows, columns) for image in wide]
+        found = [(light, of) for light, of in zip(near, spectra, strict=True) if light is not None]
+        if found:
+            with scipy.fft.set_workers(workers):
+                light = convolve_cyclically(*zip(*found, strict=True), frame)
             top, left = place[0].start - rows.start, place[1].start - columns.start
             total[place] = light[top : top + tile.height, left : left + tile.width]
-        for image, kernel in by_row:
-            _add_spread_by_row(total, image, kernel, tile)
+        else:
+            total[place] = 0
+        for image in by_row:
+            _add_spread_by_row(total, image, tile)
 
     tiles = [
         Window(left, top, min(across.step, width - left), min(down.step, height - top))
@@ -95,25 +126,25 @@ class _Cut(NamedTuple):
         return slice(max(tile.start - self.reach, 0), min(tile.stop + self.reach, self.size))
 
 
-def _add_spread_by_row(
-    total: np.ndarray, image: np.ndarray, row: np.ndarray, tile: Window
-) -> None:
-    """Add ``image``, (H, W, C), to a tile of ``total``, spread along both axes by a short row.
+def _add_spread_by_row(total: np.ndarray, image: _Image, tile: Window) -> None:
+    """Add an image to a tile of ``total``, spread along both axes by a short symmetric row.
 
-    The row is symmetric. The border of the image, as wide as half of it, must be empty.
+    The border of the image, as wide as half of it, must be empty.
     """
-    middle = len(row) // 2
-    height, width = image.shape[:2]
+    middle = len(image.kernel) // 2
+    height, width = total.shape[:2]
     inner = Window(middle, middle, width - 2 * middle, height - 2 * middle).intersection(tile)
     if inner.is_empty:
         return
-    left, top, right, bottom = inner.left, inner.top, inner.right, inner.bottom
-    near = image[top - middle : bottom + middle, left - middle : right + middle]
-    if not near.any():
+    near = image.near(
+        slice(inner.top - middle, inner.bottom + middle),
+        slice(inner.left - middle, inner.right + middle),
+    )
+    if near is None:
         return
-    weights = row[middle:].astype(image.dtype)
+    weights = image.kernel[middle:].astype(total.dtype)
     down = _spread_along(near, weights, 0)
-    total[top:bottom, left:right] += _spread_along(down, weights, 1)
+    total[inner.top : inner.bottom, inner.left : inner.right] += _spread_along(down, weights, 1)
 
 
 def _spread_along(image: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:

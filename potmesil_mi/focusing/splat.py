@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ import numpy as np
 from .. import _backend as jit
 from ..optics.blur import Blur
 from ..samples.raster import Window
+from .convolve import CELL
 from .fragments import FragmentColumns, scatter_mode
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
@@ -36,6 +38,8 @@ class ImageStack:
         self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
+        self.cells = count, *(size // CELL + 1 for size in box.shape)
+        self.lit = dr.zeros(jit.UInt8, math.prod(self.cells))
 
     def add(
         self,
@@ -61,14 +65,31 @@ class ImageStack:
             values = dr.gather(jit.Float, columns.alpha[term], fragment, active)
             dr.scatter_add(self.alpha, values * share, place, active, mode=self.mode)
 
+    def mark(
+        self, image: jit.UInt32, column: jit.Int32, row: jit.Int32, active: jit.Bool = True
+    ) -> None:
+        """Mark the cells of pixels of images as lit."""
+        _, down, across = self.cells
+        row, column = jit.UInt32(row) // CELL, jit.UInt32(column) // CELL
+        cell = (image * dr.opaque(jit.UInt32, down) + row) * dr.opaque(jit.UInt32, across) + column
+        dr.scatter(self.lit, jit.UInt8(1), cell, active)
+
     def start(self) -> None:
         """Have the images made, without waiting for them."""
-        dr.eval(self.colours, self.alpha)
+        dr.eval(self.colours, self.alpha, self.lit)
 
     def image(self, index: int) -> np.ndarray:
         """One of the images, float32 (H, W, C)."""
         parts = [part[index] for part in self._on_host]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+    def cells_near_light(self, index: int) -> np.ndarray:
+        """Which cells of one of the images, bool (h, w), are lit or next to those that are."""
+        lit = np.pad(np.asarray(self.lit).reshape(self.cells)[index] > 0, 1)
+        for axis in (0, 1):
+            along = lit.swapaxes(0, axis)
+            along[1:-1] |= along[:-2] | along[2:]
+        return lit[1:-1, 1:-1]
 
     @functools.cached_property
     def _on_host(self) -> list[np.ndarray]:
@@ -122,7 +143,7 @@ def _splat_moments(depth_slice: DepthSlice, channels: int) -> list[ImageStack]:
         fragment = dr.arange(jit.UInt32, part.stop - part.start)
         fragment += dr.opaque(jit.UInt32, part.start)
         share = jit.Float(1) if seen is None else dr.gather(jit.Float, seen, fragment)
-        place = _place(columns, fragment, box)
+        place = _place(*_column_and_row(columns, fragment, box), box)
         for term, stack in enumerate(stacks, 1):
             stack.add(columns, fragment, place, share, term=term)
     return stacks
@@ -136,11 +157,13 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
     fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
     size = dr.opaque(jit.UInt32, box.size)
-    place = _place(columns, fragment, box)
+    column, row = _column_and_row(columns, fragment, box)
     kernel, share = _between_kernels(columns, fragment, circles, depth_slice.blur)
-    place += kernel * size
+    place = kernel * size + _place(column, row, box)
+    stack.mark(kernel, column, row)
     stack.add(columns, fragment, place, 1 - share)
     if len(circles.kernels) > 1:
+        stack.mark(kernel + 1, column, row, share > 0)
         stack.add(columns, fragment, place + size, share, share > 0)
     if len(circles.single_points):
         chosen = jit.UInt32(circles.single_points - part.start)
@@ -230,10 +253,11 @@ def _splat_points(
     )
     x0, y0 = dr.floor(x), dr.floor(y)
     width = dr.opaque(jit.UInt32, box.width)
-    place = jit.UInt32(y0) * width + jit.UInt32(x0)
+    octave = jit.UInt32(0)
     for edge in depth_slice.octaves[1 : len(points.kernels)]:
-        beyond = dr.abs(radius) >= dr.opaque(jit.Float, edge)
-        place += dr.select(beyond, dr.opaque(jit.UInt32, box.size), 0)
+        octave += dr.select(dr.abs(radius) >= dr.opaque(jit.Float, edge), 1, 0)
+    place = octave * dr.opaque(jit.UInt32, box.size) + _place(jit.Int32(x0), jit.Int32(y0), box)
+    stack.mark(octave, jit.Int32(x0), jit.Int32(y0), seen > 0)
     seen *= own * own
     added = orders(degree_with(len(moments))) if columns.offset is not None else []
     for across, down in itertools.product(_parts(x - x0, wide[0]), _parts(y - y0, wide[1])):
@@ -309,8 +333,15 @@ def _radius(columns: FragmentColumns, fragment: jit.UInt32, blur: Blur) -> jit.F
     )
 
 
-def _place(columns: FragmentColumns, fragment: jit.UInt32, box: Window) -> jit.UInt32:
-    """Index of fragments' pixels in an image of ``box``."""
+def _column_and_row(
+    columns: FragmentColumns, fragment: jit.UInt32, box: Window
+) -> tuple[jit.Int32, jit.Int32]:
+    """Column and row of fragments' pixels in an image of ``box``."""
     column = dr.gather(jit.Int32, columns.x, fragment) - dr.opaque(jit.Int32, box.left)
     row = dr.gather(jit.Int32, columns.y, fragment) - dr.opaque(jit.Int32, box.top)
+    return column, row
+
+
+def _place(column: jit.Int32, row: jit.Int32, box: Window) -> jit.UInt32:
+    """Index of pixels in an image of ``box``."""
     return jit.UInt32(row * dr.opaque(jit.Int32, box.width) + column)
