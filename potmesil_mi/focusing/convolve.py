@@ -6,11 +6,11 @@ is not even read.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
 
 from .._threads import for_each, processors
 from ..optics.convolution import convolve_cyclically, fast_size, kernel_spectrum
@@ -59,7 +59,8 @@ def spread(
     ``lit`` tells for each which of its cells, of ``CELL`` x ``CELL`` pixels, may have light, bool
     (h, w); all, by default.
     """
-    every = list(map(_Image, images, kernels, lit or [None] * len(images)))
+    cells: Iterable[np.ndarray | None] = lit if lit is not None else itertools.repeat(None)
+    every = list(map(_Image, images, kernels, cells))
     wide = [image for image in every if image.kernel.ndim == 2]
     by_row = [image for image in every if image.kernel.ndim == 1]
     total = np.empty_like(images[0])
@@ -77,11 +78,10 @@ def spread(
     def spread_to(tile: Window) -> None:
         place = tile.slices_in(Window(0, 0, width, height))
         rows, columns = down.around(place[0]), across.around(place[1])
-        near = [image.near(rows, columns) for image in wide]
-        found = [(light, of) for light, of in zip(near, spectra, strict=True) if light is not None]
-        if found:
-            with scipy.fft.set_workers(workers):
-                light = convolve_cyclically(*zip(*found, strict=True), frame)
+        parts = [image.near(rows, columns) for image in wide]
+        near = [(part, of) for part, of in zip(parts, spectra, strict=True) if part is not None]
+        if near:
+            light = convolve_cyclically(near, frame, workers)
             top, left = place[0].start - rows.start, place[1].start - columns.start
             total[place] = light[top : top + tile.height, left : left + tile.width]
         else:

@@ -69,17 +69,18 @@ def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
 
 
 def convolve_cyclically(
-    images: Sequence[np.ndarray], spectra: Sequence[np.ndarray], frame: tuple[int, int]
+    images: Sequence[tuple[np.ndarray, np.ndarray]], frame: tuple[int, int], workers: int = 1
 ) -> np.ndarray:
-    """The sum of images, each spread by the kernel of its spectrum, by one inverse transform.
+    """The sum of images, each with the spectrum that spreads it, by one inverse transform.
 
     Images are float32 (H, W, C), with C channels, and no larger than the ``frame``, to which the
-    sum is filled up; spectra have all channels. What leaves the frame on one side comes in on the
-    other.
+    sum is filled up; spectra, see :func:`kernel_spectrum`, have all channels. What leaves the frame
+    on one side comes in on the other.
     """
     total = np.zeros(0, dtype=np.complex64)
-    for image, spectrum in zip(images, spectra, strict=True):
-        light = scipy.fft.rfft2(image, frame, axes=(0, 1))
-        light *= spectrum
-        total = np.add(total, light, out=total) if total.size else light
-    return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
+    with scipy.fft.set_workers(workers):
+        for image, spectrum in images:
+            light = scipy.fft.rfft2(image, frame, axes=(0, 1))
+            light *= spectrum
+            total = np.add(total, light, out=total) if total.size else light
+        return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
