@@ -22,7 +22,7 @@ ROWS = 32
 CELL = 4
 """Width in pixels of the cells of which one knows whether there is light."""
 
-TILE = 128
+TILE = 256
 """Width in pixels of tiles, with what is around them."""
 
 TILE_REACHES = 12
