@@ -14,10 +14,12 @@ import numpy as np
 
 from .. import _backend as jit
 from ..samples.raster import Window
-from .convolve import ROWS
 from .film import FinePicture, interleaved, on_device, rows_and_columns, values_at
 from .fragments import SHARE
 from .kernels import SUBPIXEL_VARIANCE
+
+ROWS = 32
+"""Rows of an image that are worked on at once: they stay in the processor's cache."""
 
 FAINTEST = 1e-5
 """Share of a subpixel below which nothing is told from the rounding of the transforms."""

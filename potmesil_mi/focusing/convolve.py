@@ -16,11 +16,11 @@ from .._threads import for_each, processors
 from ..optics.convolution import convolve_cyclically, fast_size, kernel_spectrum
 from ..samples.raster import Window
 
-ROWS = 32
-"""Rows of an image that are worked on at once: they stay in the processor's cache."""
-
 CELL = 4
-"""Width in pixels of the cells of which one knows whether there is light."""
+"""Width in pixels of the cells of which one knows whether there is light.
+
+It is no less than ``slices.MOVED_REACH``: cells next to those that are marked cover what is moved.
+"""
 
 TILE = 256
 """Width in pixels of tiles, with what is around them."""
