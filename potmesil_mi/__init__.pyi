@@ -2,6 +2,8 @@
 
 from . import evaluation
 from ._progress import progress
+from .animation.animation import Animation
+from .animation.track import Key, Track
 from .filters.base import Filter, apply_filters, parse_filter
 from .filters.defocus import Defocus
 from .filters.diffraction import Diffraction
@@ -26,6 +28,7 @@ from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
 
 __all__ = [
+    "Animation",
     "Aperture",
     "Camera",
     "Defocus",
@@ -37,6 +40,7 @@ __all__ = [
     "Filter",
     "FocusSession",
     "ImageAperture",
+    "Key",
     "Layered",
     "LightField",
     "Lommel",
@@ -48,6 +52,7 @@ __all__ = [
     "Star",
     "TelecentricLens",
     "ThinLens",
+    "Track",
     "Window",
     "aperture_of",
     "apply_filters",

@@ -65,13 +65,22 @@ def track(steps: Iterable[T], description: str, total: float | None = None) -> I
 def _bar() -> Iterator[ProgressCallback]:
     """A bar on standard error, which is gone at the end."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
     )
     # Without a thread of its own: the focus stage is quicker where it is the only one.
     console = Console(stderr=True)

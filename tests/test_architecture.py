@@ -19,6 +19,7 @@ FLOORS = {
     "filters": 3,
     "tracing": 4,
     "focusing": 4,
+    "animation": 5,
     "evaluation": 5,
     "plugins": 6,
     "cli": 7,
@@ -26,7 +27,7 @@ FLOORS = {
 }
 """Wings and the floor that each stands on: imports go to the same wing or to a lower floor."""
 
-WITHOUT_MITSUBA = ("optics", "samples", "filters", "focusing")
+WITHOUT_MITSUBA = ("optics", "samples", "filters", "focusing", "animation")
 
 LONGEST_FILE = 450
 LONGEST_FUNCTION = 60

@@ -1,4 +1,4 @@
-"""The command line: ``potmesil render``, ``focus``, ``compare`` and ``dof``.
+"""The command line: ``potmesil render``, ``focus``, ``animate``, ``compare`` and ``dof``.
 
 What a command needs is imported when it runs, and its options are made when it is asked for, so
 that ``--help`` and ``dof`` start at once and need no LLVM.
@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
+from .animate import animate, animate_options
 from .commands import (
     against_thinlens,
     compare_options,
@@ -55,6 +56,7 @@ class _Command(NamedTuple):
 COMMANDS = {
     "render": _Command("render a Mitsuba scene through the lens", render_options, render),
     "focus": _Command("form a picture from point samples", focus_options, refocus),
+    "animate": _Command("form the frames of an animation", animate_options, animate),
     "compare": _Command(
         "compare a focused picture with a ray-traced one: error and time",
         compare_options,

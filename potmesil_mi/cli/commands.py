@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from .options import (
     add_lens,
     add_method,
     add_output,
+    add_samples,
     add_sampling,
     add_scene,
     add_variant,
@@ -26,6 +26,7 @@ from .options import (
     scene_with_lens,
     set_variant,
 )
+from .taking import take
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -50,11 +51,7 @@ def render_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil render``; returns the examples."""
     add_output(command)
     add_scene(command)
-    command.add_argument(
-        "--samples", metavar="FILE", help="keep the point samples in an archive, FILE.samples, or "
-        "in a deep EXR, FILE.exr; with --denoise as they were rendered, so that `focus --denoise` "
-        "denoises them"
-    )  # fmt: skip
+    add_samples(command)
     add_denoise(command, "what the scene's integrator says")
     add_sampling(command)
     add_lens(command)
@@ -67,39 +64,16 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
     from ..focusing.api import focus
-    from ..plugins.settings import FocusSettings, has_alpha
-    from ..samples.denoising import require_extra
-    from ..tracing.hidden_surface import render_samples
 
     _check_outputs(options.output, options.samples)
-    method = given_method(options)
     filters = as_filters(options.filter)
-    if options.denoise:
-        require_extra()
-    scene, sensor = scene_with_lens(options)
-    integrator = scene.integrator()
-    sampling = given_sampling(options, integrator)
-    denoise = given_denoise(options, integrator)
-    if isinstance(integrator, FocusSettings):
-        method = given_method(options, integrator.method)
-        filters = filters or integrator.filters
-    if denoise:
-        sampling = dataclasses.replace(sampling, features=True)
-    samples = render_samples(
-        scene,
-        sensor,
-        integrator,
-        spp=options.spp,
-        seed=options.seed,
-        sampling=sampling,
-    )
-    if options.samples:
-        samples.save(options.samples)
-    if denoise:
-        samples = samples.denoised()
-    film = sensor.film()
+    taken = take(options, lambda lens, sampling: sampling)
     picture = focus(
-        samples, method=method, filters=filters, rfilter=film.rfilter(), alpha=has_alpha(film)
+        taken.samples,
+        method=taken.method,
+        filters=filters or taken.filters,
+        rfilter=taken.film.rfilter(),
+        alpha=taken.has_alpha,
     )
     _write(picture, options.output)
 

@@ -81,9 +81,9 @@ METAVARS = {
 # ---------------------------------------------------------------- groups of options
 
 
-def add_scene(command: argparse.ArgumentParser) -> None:
+def add_scene(command: argparse.ArgumentParser, what: str = "the scene") -> None:
     """Add the options of the scene and of its samples."""
-    command.add_argument("scene", metavar="SCENE.xml", help="the scene")
+    command.add_argument("scene", metavar="SCENE.xml", help=what)
     command.add_argument(
         "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
         help="value of a $KEY in the scene; may be given several times",
@@ -93,6 +93,15 @@ def add_scene(command: argparse.ArgumentParser) -> None:
         "--spp", type=int, default=0, help="samples a pixel (default: the sampler's count)"
     )
     command.add_argument("--seed", type=int, default=0, help="of the random numbers (default 0)")
+
+
+def add_samples(command: argparse.ArgumentParser) -> None:
+    """Add the option that keeps the samples of a scene."""
+    command.add_argument(
+        "--samples", metavar="FILE", help="keep the point samples in an archive, FILE.samples, or "
+        "in a deep EXR, FILE.exr; with --denoise as they were rendered, so that `focus --denoise` "
+        "denoises them"
+    )  # fmt: skip
 
 
 def add_output(command: argparse.ArgumentParser) -> None:

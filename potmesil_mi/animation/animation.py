@@ -1,0 +1,273 @@
+"""An animation: how the lens and the filters change from frame to frame.
+
+Potmesil & Chakravarty (1981) name sequences, fades and focus effects as what the model is for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from .. import _backend as jit
+from .._progress import progress, reported
+from .._validation import require_whole
+from ..filters.base import Filter, FilterFunction
+from ..focusing.session import FocusSession
+from ..optics.aperture import Aperture
+from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens
+from ..samples.point_samples import PointSamples
+from .track import Scale, Track, is_list_of_keys
+
+if TYPE_CHECKING:
+    from ..focusing.film import ReconstructionFilter
+
+Lens = ThinLens | TelecentricLens
+
+LENS_TRACKS: dict[str, Scale] = {
+    "focus_distance": "reciprocal",
+    "f_number": "logarithmic",
+    "aperture_radius": "linear",
+    "focal_length": "linear",
+    "half_angle": "linear",
+    "squeeze": "logarithmic",
+    "vignetting": "linear",
+}
+"""Parameters of a lens that can change, and in what they do so evenly."""
+
+APERTURE = "aperture"
+"""The parameter of a lens that is the same in all frames."""
+
+MOST_FRAMES = 1_000_000
+"""Largest number of a frame."""
+
+
+@dataclasses.dataclass(frozen=True)
+class AnimatedFilter:
+    """A filter whose ``parameters`` may be tracks."""
+
+    name: str
+    parameters: Mapping[str, Any]
+
+    def at(self, frame: float) -> Filter:
+        """The filter of a frame. Raises what the filter raises."""
+        values = {
+            name: value.at(frame) if isinstance(value, Track) else value
+            for name, value in self.parameters.items()
+        }
+        return Filter.member(self.name)(**values)
+
+
+@dataclasses.dataclass(frozen=True)
+class Animation:
+    """How the lens and the filters change from frame to frame.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``frames``                    numbers of the frames, one after the other
+    ``lens``                      parameters of the lens that it has in place of the one at
+                                  hand: a :class:`Track` each. ``focus_distance`` changes
+                                  evenly in 1/U, in which circles of confusion do, ``f_number``
+                                  in stops; ``aperture`` is an :class:`potmesil_mi.Aperture`
+    ``filters``                   those of the finished picture, in their order
+    ============================  ==========================================================
+    """
+
+    frames: range
+    lens: Mapping[str, Track | Aperture] = dataclasses.field(default_factory=dict)
+    filters: tuple[AnimatedFilter, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frames, range) or self.frames.step != 1 or not self.frames:
+            raise ValueError(f"frames={self.frames!r}: must be a range of one frame at least")
+
+    # ------------------------------------------------------------ from texts
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Animation:
+        """Read a TOML file; ``docs/howto/animation.md`` has its form.
+
+        Raises ``OSError`` where it cannot be read, and ``ValueError`` or ``TypeError`` that names
+        the file and what in it is wrong.
+        """
+        if sys.version_info >= (3, 11):
+            import tomllib
+        else:
+            import tomli as tomllib
+
+        name = os.fspath(path)
+        with open(path, "rb") as file:
+            try:
+                values = tomllib.load(file)
+            except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+                raise ValueError(f"{name}: is not TOML: {error}") from error
+        with _named(name):
+            return cls.from_dict(values)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Animation:
+        """The animation that a TOML file describes, of its tables.
+
+        Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
+        """
+        known = ("frames", "lens", "filters")
+        for name in values:
+            if name not in known:
+                raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
+        if "frames" not in values:
+            raise ValueError("frames: must be given, a number of frames or [first, last]")
+        lens, filters = values.get("lens", {}), values.get("filters", [])
+        if not isinstance(lens, Mapping):
+            raise TypeError(f"lens={lens!r}: must be a table")
+        if not isinstance(filters, list) or not all(isinstance(one, Mapping) for one in filters):
+            raise TypeError(f"filters={filters!r}: must be tables, [[filters]]")
+        animation = cls(
+            _frames(values["frames"]),
+            {name: _of_lens(name, value) for name, value in lens.items()},
+            tuple(_filter(f"filters[{i}]", one) for i, one in enumerate(filters)),
+        )
+        for frame in animation.frames:
+            animation.filters_at(frame)
+        return animation
+
+    # ------------------------------------------------------------ by frames
+
+    def lens_at(self, lens: Lens, frame: float) -> Lens:
+        """What becomes of a ``lens`` at a frame.
+
+        Raises ``ValueError`` or ``TypeError`` that names the frame and the parameter.
+        """
+        changes: dict[str, Any] = {
+            name: value.at(frame) if isinstance(value, Track) else value
+            for name, value in self.lens.items()
+        }
+        with _named(f"frame {frame:g}"):
+            return lens.replace(**changes) if changes else lens
+
+    def filters_at(self, frame: float) -> tuple[Filter, ...]:
+        """The filters of a frame. Raises what :meth:`lens_at` raises."""
+        filters = []
+        for i, one in enumerate(self.filters):
+            with _named(f"frame {frame:g}: filters[{i}]"):
+                filters.append(one.at(frame))
+        return tuple(filters)
+
+    def lenses(self, lens: Lens) -> list[Lens]:
+        """What becomes of a ``lens`` at each of the frames."""
+        return [self.lens_at(lens, frame) for frame in self.frames]
+
+    def pictures(
+        self,
+        session: FocusSession | PointSamples,
+        frames: Iterable[int] | None = None,
+        *,
+        lens: Lens | None = None,
+        filters: Iterable[FilterFunction] = (),
+        rfilter: ReconstructionFilter | None = None,
+        alpha: bool = False,
+    ) -> Iterator[tuple[int, jit.TensorXf]]:
+        """The frames, with their numbers, as :meth:`potmesil_mi.FocusSession.focus` gives them.
+
+        ============================  ==========================================================
+        Parameter                     Meaning
+        ============================  ==========================================================
+        ``session``                   what pictures are formed by, or samples
+        ``frames``                    which frames; all by default
+        ``lens``                      the lens that changes; by default the samples' own
+        ``filters``                   before those of the animation
+        ``rfilter``, ``alpha``        as in :meth:`potmesil_mi.FocusSession.focus`
+        ============================  ==========================================================
+
+        Raises ``ValueError`` for a frame that there is not, before the first picture, and what
+        :meth:`lens_at` and ``focus`` raise.
+        """
+        if not isinstance(session, FocusSession):
+            session = FocusSession(session)
+        chosen = list(self.frames if frames is None else frames)
+        for frame in chosen:
+            require_whole("frames", frame, self.frames.start, self.frames.stop - 1)
+        lens = session.samples.lens if lens is None else lens
+        lenses = [self.lens_at(lens, frame) for frame in chosen]
+        return self._formed(session, chosen, lenses, tuple(filters), rfilter, alpha)
+
+    def _formed(
+        self,
+        session: FocusSession,
+        frames: list[int],
+        lenses: list[Lens],
+        filters: tuple[FilterFunction, ...],
+        rfilter: ReconstructionFilter | None,
+        alpha: bool,
+    ) -> Iterator[tuple[int, jit.TensorXf]]:
+        with reported() as report:
+            for done, (frame, lens) in enumerate(zip(frames, lenses, strict=True)):
+
+                def within(_: str, share: float | None, done: int = done, n: int = frame) -> None:
+                    report(f"Frame {n}", (done + (share or 0)) / len(frames))
+
+                within("", 0)
+                with progress(within):
+                    picture = session.focus(
+                        lens,
+                        filters=(*filters, *self.filters_at(frame)),
+                        rfilter=rfilter,
+                        alpha=alpha,
+                    )
+                yield frame, picture
+
+
+@contextlib.contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Errors within the block name ``what`` first."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        raise type(error)(f"{what}: {error}") from error
+
+
+def _frames(value: Any) -> range:
+    if isinstance(value, list):
+        if len(value) != 2:
+            raise ValueError(f"frames={value!r}: must be a number, or [first, last]")
+        for i, one in enumerate(value):
+            require_whole(f"frames[{i}]", one, 0, MOST_FRAMES)
+        if value[0] > value[1]:
+            raise ValueError(f"frames={value!r}: the last must not come before the first")
+        return range(value[0], value[1] + 1)
+    require_whole("frames", value, 1, MOST_FRAMES)
+    return range(value)
+
+
+def _of_lens(name: str, value: Any) -> Track | Aperture:
+    with _named(f"lens.{name}"):
+        if name == APERTURE:
+            return Aperture.parse(value)
+        if name not in LENS_TRACKS:
+            known = ", ".join((*LENS_TRACKS, APERTURE))
+            raise ValueError(f"unknown, must be one of {known}")
+        return Track.of(value, LENS_TRACKS[name])
+
+
+def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:
+    parameters = dict(values)
+    name = parameters.pop("name", None)
+    with _named(what):
+        if not isinstance(name, str):
+            raise TypeError(f"name={name!r}: must be given, such as 'fade'")
+        Filter.member(name)
+        return AnimatedFilter(
+            name,
+            {
+                key: Track.of(value) if is_list_of_keys(value) else _plain(value)
+                for key, value in parameters.items()
+            },
+        )
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

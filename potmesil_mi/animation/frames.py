@@ -1,0 +1,96 @@
+"""Frames of an animation in files: which ones, by what names, and which are there already."""
+
+from __future__ import annotations
+
+import os
+import re
+import string
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from .._image import PICTURES, remove_leftovers, require_writable, write_picture
+
+RANGE = re.compile(r"(\d+)(?:-(\d+))?")
+SHARD = re.compile(r"(\d+)/(\d+)")
+
+
+def chosen_frames(every: range, frames: str | None = None, shard: str | None = None) -> list[int]:
+    """The frames that are meant, of ``every`` one of an animation.
+
+    ``frames`` are numbers and ranges with commas between, such as ``10-20,35``; ``shard``, such as
+    ``3/64``, is the third of 64 parts of these, of every 64th frame. Raises ``ValueError`` that
+    names what is wrong, and for frames that there are not.
+    """
+    chosen = list(every)
+    if frames is not None:
+        numbers: set[int] = set()
+        for part in frames.split(","):
+            match = RANGE.fullmatch(part.strip())
+            first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+            if first > last:
+                raise ValueError(f"frames={frames!r}: must be such as 10-20 or 3,10-20")
+            if first not in every or last not in every:
+                raise ValueError(
+                    f"frames={frames!r}: must be among {every.start}-{every.stop - 1}, the frames "
+                    "of the animation"
+                )
+            numbers.update(range(first, last + 1))
+        chosen = sorted(numbers)
+    if shard is not None:
+        match = SHARD.fullmatch(shard.strip())
+        number, count = (int(match[1]), int(match[2])) if match else (0, 0)
+        if not 1 <= number <= count:
+            raise ValueError(f"shard={shard!r}: must be such as 3/64, from 1/64 to 64/64")
+        chosen = chosen[number - 1 :: count]
+    return chosen
+
+
+class FrameFiles:
+    """Files of frames, by patterns such as ``frame_{:04d}.exr``, and a name for each of them.
+
+    Raises ``ValueError`` for a pattern without a place for the number, or with another one, and
+    what :func:`potmesil_mi._image.require_writable` raises.
+    """
+
+    def __init__(self, patterns: Sequence[str]) -> None:
+        self.patterns = patterns
+        for pattern in patterns:
+            if self._name(pattern, 1) == self._name(pattern, 2):
+                raise ValueError(
+                    f"output={pattern!r}: must have a place for the number of the frame, such as "
+                    "frame_{:04d}.exr"
+                )
+            require_writable(self._name(pattern, 1), PICTURES)
+
+    def of(self, frame: int) -> list[Path]:
+        """The files of a frame."""
+        return [Path(self._name(pattern, frame)) for pattern in self.patterns]
+
+    def are_there(self, frame: int) -> bool:
+        """Whether a frame is finished: files are written whole or not at all."""
+        return all(path.is_file() for path in self.of(frame))
+
+    def older_than(self, frames: Iterable[int], sources: Iterable[str | Path]) -> list[Path]:
+        """Files of finished frames that are older than one of the files they were made of."""
+        newest = max(os.stat(source).st_mtime for source in sources)
+        every = (path for frame in frames for path in self.of(frame))
+        return [path for path in every if path.stat().st_mtime < newest]
+
+    def write(self, frame: int, picture: object) -> None:
+        """Write a frame, and remove what a program that was killed has left of it."""
+        for path in self.of(frame):
+            write_picture(picture, path)
+            remove_leftovers(path)
+
+    @staticmethod
+    def _name(pattern: str, frame: int) -> str:
+        try:
+            fields = [field for _, field, _, _ in string.Formatter().parse(pattern)]
+            if any(field not in (None, "") for field in fields):
+                raise ValueError("a field has a name")
+            return pattern.format(frame)
+        except (ValueError, IndexError) as error:
+            raise ValueError(
+                f"output={pattern!r}: must have one place for the number of the frame, such as "
+                f"frame_{{:04d}}.exr ({error})"
+            ) from None

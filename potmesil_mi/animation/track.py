@@ -1,0 +1,134 @@
+"""Tracks: numbers that change from frame to frame, told by keys and by the ways between them."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from numbers import Real
+from typing import Any, Literal, get_args
+
+from .._validation import require_choice, require_number
+
+Easing = Literal["linear", "ease", "ease_in", "ease_out", "hold"]
+"""How a value goes from a key to the next."""
+
+EASINGS: tuple[Easing, ...] = get_args(Easing)
+"""The easings by their names, the default first."""
+
+Scale = Literal["linear", "reciprocal", "logarithmic"]
+"""In what a value changes evenly: in itself, in 1 by it, or in its logarithm."""
+
+SCALES: tuple[Scale, ...] = get_args(Scale)
+"""The scales by their names, the default first."""
+
+_EASED: dict[str, Callable[[float], float]] = {
+    "linear": lambda t: t,
+    "ease": lambda t: t * t * (3 - 2 * t),
+    "ease_in": lambda t: t * t,
+    "ease_out": lambda t: t * (2 - t),
+    "hold": lambda t: math.floor(t),
+}
+"""Part of the way, 0 to 1, that is done after a part of the frames."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """The value at a frame, and how it goes on from there.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``frame``                     number of the frame, which may lie between two
+    ``value``                     the value there
+    ``easing``                    to the next key: ``linear`` (default); ``ease``, which begins
+                                  and ends at rest (3t² - 2t³); ``ease_in`` (t²) and
+                                  ``ease_out`` (2t - t²), which begin or end at rest;
+                                  ``hold``, which stays and jumps at the next key
+    ============================  ==========================================================
+    """
+
+    frame: float
+    value: float
+    easing: Easing = "linear"
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+    """A number for every frame: that of the keys, and between them on the way.
+
+    Before the first key it is that of the first, and behind the last that of the last. On the
+    ``scale`` ``reciprocal`` 1 by the value changes evenly, as circles of confusion do with the
+    focus distance, which may be ``inf``; on ``logarithmic`` its logarithm, as stops do with the
+    f-number. Raises ``ValueError`` or ``TypeError`` for keys whose frames do not ascend, and for
+    values that the scale does not have.
+    """
+
+    keys: tuple[Key, ...]
+    scale: Scale = "linear"
+
+    def __post_init__(self) -> None:
+        require_choice("scale", self.scale, SCALES)
+        if not self.keys:
+            raise ValueError("keys: there must be one at least")
+        for i, key in enumerate(self.keys):
+            require_number(f"keys[{i}]: frame", key.frame)
+            require_choice(f"keys[{i}]: easing", key.easing, EASINGS)
+            if i > 0 and not key.frame > self.keys[i - 1].frame:
+                raise ValueError(
+                    f"keys[{i}]: frame={key.frame:g}: must come after that of the key before, "
+                    f"{self.keys[i - 1].frame:g}"
+                )
+            if self.scale != "reciprocal" or key.value != math.inf:
+                require_number(f"keys[{i}]: value", key.value)
+            if self.scale != "linear" and not key.value > 0:
+                raise ValueError(f"keys[{i}]: value={key.value}: must be > 0")
+
+    @classmethod
+    def of(cls, value: Any, scale: Scale = "linear") -> Track:
+        """The track of a number, or of a list of keys ``[frame, value]`` or with an easing.
+
+        Raises ``TypeError`` for anything else, and what the constructor raises.
+        """
+        if isinstance(value, Real) and not isinstance(value, bool):
+            return cls((Key(0.0, float(value)),), scale)
+        if not is_list_of_keys(value):
+            raise TypeError(
+                f"{value!r}: must be a number, or a list of keys such as [[0, 1.5], [24, 3, "
+                "'ease']]: frame, value and perhaps the easing to the next"
+            )
+        for i, key in enumerate(value):
+            if not 2 <= len(key) <= 3:
+                raise TypeError(f"keys[{i}]={key!r}: must be [frame, value] or with an easing")
+        return cls(tuple(Key(*key) for key in value), scale)
+
+    def at(self, frame: float) -> float:
+        """The value at a frame."""
+        keys = self.keys
+        after = bisect.bisect_right([key.frame for key in keys], frame)
+        if after == 0 or after == len(keys):
+            return float(keys[max(after - 1, 0)].value)
+        first, last = keys[after - 1], keys[after]
+        part = _EASED[first.easing]((frame - first.frame) / (last.frame - first.frame))
+        if part == 0:  # Not what rounding makes of it.
+            return float(first.value)
+        if self.scale == "reciprocal":
+            inverse = _mix(1 / first.value, 1 / last.value, part)
+            return 1 / inverse if inverse > 0 else math.inf
+        if self.scale == "logarithmic":
+            return math.exp(_mix(math.log(first.value), math.log(last.value), part))
+        return _mix(first.value, last.value, part)
+
+
+def is_list_of_keys(value: Any) -> bool:
+    """Whether a value is a list of lists, and not a number or several."""
+
+    def is_list(one: Any) -> bool:
+        return isinstance(one, Sequence) and not isinstance(one, str)
+
+    return is_list(value) and len(value) > 0 and all(map(is_list, value))
+
+
+def _mix(first: float, last: float, part: float) -> float:
+    return first + (last - first) * part

@@ -1,0 +1,170 @@
+"""``potmesil animate``: frames of an animation."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from .options import (
+    SAMPLING_OPTIONS,
+    add_denoise,
+    add_lens,
+    add_method,
+    add_samples,
+    add_sampling,
+    add_scene,
+    add_variant,
+    given_lens,
+    given_method,
+    set_variant,
+)
+from .taking import take
+
+if TYPE_CHECKING:
+    from ..animation.animation import Animation, Lens
+    from ..tracing.sampling import Sampling
+
+ANIMATE_EXAMPLES = """
+examples:
+  potmesil animate scenes/figure11.xml pull.toml -o 'frames/pull_{:04d}.png'
+  potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --frames 10-20
+  potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --shard 3/64
+
+pull.toml, for example:
+
+  frames = 100                     # 0 to 99; or [first, last]
+  [lens]
+  focus_distance = [[0, 550, "ease"], [99, 2000]]
+  f_number = 2.8
+  [[filters]]
+  name = "fade"
+  amount = [[0, 1], [12, 0]]
+
+Samples are taken once. Frames that are there already stay, so that what was interrupted goes on.
+"""
+
+
+SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
+"""Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
+
+
+def animate_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil animate``; returns the examples."""
+    add_scene(command, "the scene, or a file of `render --samples`")
+    command.add_argument("animation", metavar="ANIMATION.toml", help="what changes, see below")
+    command.add_argument(
+        "-o", "--output", metavar="PATTERN", action="append", required=True,
+        help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg), with the number of the "
+        "frame in the braces; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--frames", metavar="10-20", help="which frames (default: all)")
+    command.add_argument(
+        "--shard", metavar="3/64", help="one of so many parts of the frames, for several machines"
+    )
+    command.add_argument(
+        "--overwrite", action="store_true", help="make frames anew that are there already"
+    )
+    add_variant(command)
+    add_samples(command)
+    add_denoise(command, "what the scene's integrator says")
+    add_sampling(command)
+    add_lens(command)
+    add_method(command)
+    return ANIMATE_EXAMPLES
+
+
+def animate(options: argparse.Namespace) -> None:
+    """``potmesil animate``: samples once, then the frames."""
+    from .._image import require_writable
+    from ..animation.animation import Animation
+    from ..animation.frames import FrameFiles, chosen_frames
+    from ..samples.files import ENDINGS
+
+    files = FrameFiles(options.output)
+    animation = Animation.load(options.animation)
+    chosen = chosen_frames(animation.frames, options.frames, options.shard)
+    done = [] if options.overwrite else [frame for frame in chosen if files.are_there(frame)]
+    frames = sorted(set(chosen) - set(done))
+    if done:
+        print(
+            f"potmesil: {len(done)} of {len(chosen)} frames are there already and stay",
+            file=sys.stderr,
+        )
+        old = files.older_than(done, (options.scene, options.animation))
+        if old:
+            warnings.warn(
+                f"{old[0]} and {len(old) - 1} more frames are older than {options.scene} or "
+                f"{options.animation}: --overwrite makes them anew",
+                stacklevel=1,
+            )
+    if options.samples:
+        require_writable(options.samples, ENDINGS)
+    if not frames:
+        return
+    if options.scene.lower().endswith(tuple(ENDINGS)):
+        _of_file(options, animation, frames, files)
+    else:
+        _of_scene(options, animation, frames, files)
+
+
+def _of_scene(
+    options: argparse.Namespace, animation: Animation, frames: list[int], files: Any
+) -> None:
+    """The frames of a scene, sampled as all of the animation needs it."""
+    from ..focusing.session import FocusSession
+
+    taken = take(options, lambda lens, sampling: _sampling_for(animation, lens, sampling))
+    session = FocusSession(taken.samples, taken.method)
+    filters = () if animation.filters else taken.filters
+    pictures = animation.pictures(
+        session, frames, filters=filters, rfilter=taken.film.rfilter(), alpha=taken.has_alpha
+    )
+    for frame, picture in pictures:
+        files.write(frame, picture)
+
+
+def _of_file(
+    options: argparse.Namespace, animation: Animation, frames: list[int], files: Any
+) -> None:
+    """The frames of samples in a file."""
+    from ..focusing.session import FocusSession
+    from ..samples.point_samples import PointSamples
+
+    of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
+    of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
+    for name, value in of_scene.items():
+        if value is not None:
+            raise ValueError(
+                f"{name}={value}: is for a scene, and {options.scene} has its samples already"
+            )
+    method = given_method(options)
+    if options.variant is not None:
+        set_variant(options.variant)
+    samples = PointSamples.load(options.scene)
+    if options.denoise:
+        samples = samples.denoised()
+    lens = samples.lens.replace(**given_lens(options))
+    for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
+        files.write(frame, picture)
+
+
+def _sampling_for(animation: Animation, lens: Lens, sampling: Sampling) -> Sampling:
+    """What to sample so that all frames are served, where ``sampling`` does not say it."""
+    from ..optics.lens import ThinLens
+
+    lenses = [one for one in animation.lenses(lens) if isinstance(one, ThinLens)]
+    if not lenses or not isinstance(lens, ThinLens):
+        return sampling
+    changes: dict[str, Any] = {}
+    if sampling.min_f_number is None:
+        # The diameter is what counts, whatever focal length it is told by.
+        widest = max(float(one.lens_diameter) for one in lenses)
+        if widest > float(lens.lens_diameter):
+            changes["min_f_number"] = float(lens.focal_length) / widest
+    if sampling.focus_range is None:
+        distances = [float(one.focus_distance) for one in lenses]
+        changes["focus_range"] = (min(distances), max(distances))
+    return dataclasses.replace(sampling, **changes)

@@ -1,0 +1,171 @@
+"""``potmesil animate``: frames in files, from scenes and from samples, by parts and once more."""
+
+import os
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import potmesil_mi as pm
+from potmesil_mi import cli
+from potmesil_mi.animation.frames import FrameFiles
+from potmesil_mi.tracing import hidden_surface
+from scenes import SCENES
+
+pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+FIGURE = str(SCENES / "figure11.xml")
+SMALL = ["-D", "res=24", "-D", "spp=4"]
+PULL = """
+frames = 4
+[lens]
+focus_distance = [[0, 290], [3, 2000]]
+f_number = [[0, 5.6], [3, 2.8]]
+"""
+
+
+@pytest.fixture
+def pull(tmp_path):
+    path = tmp_path / "pull.toml"
+    path.write_text(PULL, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def kept(tmp_path, pull):
+    """A file of samples of the scene, as the animation needs them."""
+    path = tmp_path / "kept.samples"
+    arguments = ["render", FIGURE, *SMALL, "--min-f-number", "2.8", "-o", str(tmp_path / "one.exr")]
+    assert cli.main([*arguments, "--samples", str(path)]) == 0
+    return str(path)
+
+
+def frames_in(folder):
+    return {path.name: np.array(mi.Bitmap(str(path))) for path in sorted(folder.iterdir())}
+
+
+def animate(folder, source, pull, *more):
+    folder.mkdir(exist_ok=True)
+    return cli.main(["animate", source, pull, "-o", str(folder / "f_{:02d}.exr"), *more])
+
+
+def assert_same(found, expected):
+    assert found.keys() == expected.keys()
+    for name, picture in expected.items():
+        np.testing.assert_allclose(found[name], picture, rtol=1e-5, atol=1e-6)
+
+
+def test_a_scene_is_sampled_once_for_all_frames(tmp_path, pull, monkeypatch):
+    asked = []
+    render = hidden_surface.render_samples
+
+    def counted(*arguments, **options):
+        asked.append(options["sampling"])
+        return render(*arguments, **options)
+
+    monkeypatch.setattr(hidden_surface, "render_samples", counted)
+    kept = tmp_path / "kept.samples"
+    assert animate(tmp_path / "frames", FIGURE, pull, *SMALL, "--samples", str(kept)) == 0
+    (sampling,) = asked
+    assert sampling.min_f_number == pytest.approx(2.8)
+    assert sampling.focus_range == (290, 2000)
+    found = frames_in(tmp_path / "frames")
+    assert list(found) == [f"f_{frame:02d}.exr" for frame in range(4)]
+    samples = pm.PointSamples.load(kept)
+    rfilter = mi.load_file(FIGURE).sensors()[0].film().rfilter()
+    lens = samples.lens.replace(focus_distance=2000, f_number=2.8)
+    expected = np.array(pm.focus(samples, lens, rfilter=rfilter))
+    np.testing.assert_allclose(found["f_03.exr"], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_what_the_options_say_of_the_sampling_stays(tmp_path, pull, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        hidden_surface, "render_samples", lambda *_, **options: asked.append(options["sampling"])
+    )
+    options = ["--min-f-number", "2", "--focus-range", "300/400"]
+    # There are no samples then.
+    assert animate(tmp_path / "frames", FIGURE, pull, *SMALL, *options) == 1
+    assert (asked[0].min_f_number, asked[0].focus_range) == (2, (300, 400))
+
+
+def test_an_animation_that_was_interrupted_goes_on_and_ends_with_the_same_frames(
+    tmp_path, pull, kept, monkeypatch, capsys
+):
+    assert animate(tmp_path / "whole", kept, pull) == 0
+    write = FrameFiles.write
+
+    def interrupted(files, frame, picture):
+        if frame == 2:
+            raise KeyboardInterrupt
+        write(files, frame, picture)
+
+    monkeypatch.setattr(FrameFiles, "write", interrupted)
+    assert animate(tmp_path / "parts", kept, pull) == 130
+    assert len(frames_in(tmp_path / "parts")) == 2
+    monkeypatch.setattr(FrameFiles, "write", write)
+    before = (tmp_path / "parts" / "f_00.exr").stat().st_mtime_ns
+    assert animate(tmp_path / "parts", kept, pull) == 0
+    assert "2 of 4 frames are there already and stay" in capsys.readouterr().err
+    assert (tmp_path / "parts" / "f_00.exr").stat().st_mtime_ns == before
+    assert_same(frames_in(tmp_path / "parts"), frames_in(tmp_path / "whole"))
+
+
+def test_shards_and_ranges_make_what_one_run_makes(tmp_path, pull, kept):
+    assert animate(tmp_path / "whole", kept, pull) == 0
+    for shard in ("1/3", "3/3", "2/3"):
+        assert animate(tmp_path / "shards", kept, pull, "--shard", shard) == 0
+    assert_same(frames_in(tmp_path / "shards"), frames_in(tmp_path / "whole"))
+    assert animate(tmp_path / "range", kept, pull, "--frames", "1-2") == 0
+    assert list(frames_in(tmp_path / "range")) == ["f_01.exr", "f_02.exr"]
+
+
+@pytest.mark.filterwarnings("always:.*older than")
+def test_frames_older_than_what_they_were_made_of_are_told_and_made_anew_if_asked(
+    tmp_path, pull, kept, capsys
+):
+    folder = tmp_path / "frames"
+    assert animate(folder, kept, pull) == 0
+    first = frames_in(folder)
+    with open(pull, "a", encoding="utf-8") as file:
+        file.write("\n[[filters]]\nname = 'fade'\namount = 1\n")
+    for path in folder.iterdir():
+        os.utime(path, (1e9, 1e9))
+    capsys.readouterr()
+    assert animate(folder, kept, pull, "--frames", "0-2") == 0
+    told = capsys.readouterr().err
+    assert "f_00.exr and 2 more frames are older than" in told
+    assert "--overwrite makes them anew" in told
+    assert_same(frames_in(folder), first)
+    assert animate(folder, kept, pull, "--overwrite") == 0
+    assert "older" not in capsys.readouterr().err
+    assert not any(picture.any() for picture in frames_in(folder).values())
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--refine", "0"], "refine=0.0: is for a scene, and"),
+        (["--spp", "4"], "spp=4: is for a scene"),
+        (["-D", "res=3"], "define="),
+        (["--shard", "4/3"], "shard='4/3'"),
+        (["--frames", "9"], "frames='9': must be among 0-3"),
+        (["--f-number", "-1"], "f_number=-1"),
+        (["--method", "fast"], "method='fast'"),
+    ],
+)
+def test_what_does_not_fit_is_named_before_the_first_frame(
+    tmp_path, pull, kept, capsys, more, message
+):
+    assert animate(tmp_path / "frames", kept, pull, *more) == 1
+    assert message in capsys.readouterr().err
+    assert not list((tmp_path / "frames").iterdir())
+
+
+def test_files_that_are_not_there_are_named(tmp_path, pull, kept, capsys):
+    assert animate(tmp_path / "frames", kept, str(tmp_path / "absent.toml")) == 1
+    assert "absent.toml" in capsys.readouterr().err
+    assert animate(tmp_path / "frames", str(tmp_path / "absent.samples"), pull) == 1
+    assert "absent.samples" in capsys.readouterr().err
+    assert cli.main(["animate", kept, pull, "-o", str(tmp_path / "no" / "f_{}.exr")]) == 1
+    assert "there is no folder" in capsys.readouterr().err
