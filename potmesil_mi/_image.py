@@ -74,6 +74,16 @@ def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
     return np.array(bitmap, dtype=np.float64).reshape(bitmap.size()[::-1])
 
 
+def read_srgb(path: str | os.PathLike[str]) -> np.ndarray:
+    """A picture that :func:`write_picture` wrote, in 8-bit sRGB without alpha: uint8 (H, W, 3)."""
+    import mitsuba as mi
+
+    bitmap = mi.Bitmap(os.fspath(path))
+    if bitmap.component_format() != mi.Struct.Type.UInt8:  # Clipped, see write_picture.
+        bitmap = mi.Bitmap(np.clip(np.array(bitmap, dtype=np.float32), 0, 1))
+    return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True))
+
+
 def write_picture(image: Any, path: str | os.PathLike[str]) -> None:
     """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB."""
     import mitsuba as mi

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
 from .._progress import progress, reported
-from .._validation import require_whole
+from .._validation import require_number, require_whole
 from ..filters.base import Filter, FilterFunction
 from ..focusing.session import FocusSession
 from ..optics.aperture import Aperture
@@ -41,6 +41,9 @@ LENS_TRACKS: dict[str, Scale] = {
 
 APERTURE = "aperture"
 """The parameter of a lens that is the same in all frames."""
+
+LEAST_FPS, MOST_FPS = 0.01, 1000.0
+"""Fewest and most frames a second."""
 
 MOST_FRAMES = 1_000_000
 """Largest number of a frame."""
@@ -75,14 +78,17 @@ class Animation:
                                   evenly in 1/U, in which circles of confusion do, ``f_number``
                                   in stops; ``aperture`` is an :class:`potmesil_mi.Aperture`
     ``filters``                   those of the finished picture, in their order
+    ``fps``                       frames a second, in a movie (default 24)
     ============================  ==========================================================
     """
 
     frames: range
     lens: Mapping[str, Track | Aperture] = dataclasses.field(default_factory=dict)
     filters: tuple[AnimatedFilter, ...] = ()
+    fps: float = 24.0
 
     def __post_init__(self) -> None:
+        require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
         if not isinstance(self.frames, range) or self.frames.step != 1 or not self.frames:
             raise ValueError(f"frames={self.frames!r}: must be a range of one frame at least")
 
@@ -115,7 +121,7 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
         """
-        known = ("frames", "lens", "filters")
+        known = ("frames", "fps", "lens", "filters")
         for name in values:
             if name not in known:
                 raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
@@ -130,6 +136,7 @@ class Animation:
             _frames(values["frames"]),
             {name: _of_lens(name, value) for name, value in lens.items()},
             tuple(_filter(f"filters[{i}]", one) for i, one in enumerate(filters)),
+            values.get("fps", cls.fps),
         )
         for frame in animation.frames:
             animation.filters_at(frame)

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import sys
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .options import (
@@ -25,11 +26,12 @@ from .taking import take
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation, Lens
+    from ..animation.frames import FrameFiles
     from ..tracing.sampling import Sampling
 
 ANIMATE_EXAMPLES = """
 examples:
-  potmesil animate scenes/figure11.xml pull.toml -o 'frames/pull_{:04d}.png'
+  potmesil animate scenes/figure11.xml pull.toml -o 'frames/pull_{:04d}.png' -o pull.mp4
   potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --frames 10-20
   potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --shard 3/64
 
@@ -58,7 +60,8 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
         help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg), with the number of the "
-        "frame in the braces; may be given several times",
+        "frame in the braces; may be given several times. And a movie of them, such as pull.mp4, "
+        "which needs pip install 'potmesil_mi[movie]'",
     )  # fmt: skip
     command.add_argument("--frames", metavar="10-20", help="which frames (default: all)")
     command.add_argument(
@@ -81,9 +84,12 @@ def animate(options: argparse.Namespace) -> None:
     from .._image import require_writable
     from ..animation.animation import Animation
     from ..animation.frames import FrameFiles, chosen_frames
+    from ..animation.movie import MOVIES, write_movie
     from ..samples.files import ENDINGS
 
-    files = FrameFiles(options.output)
+    movies = [path for path in options.output if Path(path).suffix.lower() in MOVIES]
+    files = FrameFiles([path for path in options.output if path not in movies])
+    _check_movies(options, movies, files)
     animation = Animation.load(options.animation)
     chosen = chosen_frames(animation.frames, options.frames, options.shard)
     done = [] if options.overwrite else [frame for frame in chosen if files.are_there(frame)]
@@ -102,16 +108,35 @@ def animate(options: argparse.Namespace) -> None:
             )
     if options.samples:
         require_writable(options.samples, ENDINGS)
-    if not frames:
-        return
-    if options.scene.lower().endswith(tuple(ENDINGS)):
+    if frames and options.scene.lower().endswith(tuple(ENDINGS)):
         _of_file(options, animation, frames, files)
-    else:
+    elif frames:
         _of_scene(options, animation, frames, files)
+    for movie in movies:
+        write_movie(movie, [files.of(frame)[0] for frame in chosen], animation.fps)
+
+
+def _check_movies(options: argparse.Namespace, movies: list[str], files: FrameFiles) -> None:
+    """Find out before the first frame that there can be no movie."""
+    from .._image import require_writable
+    from ..animation.movie import MOVIES, require_extra
+
+    for movie in movies:
+        require_extra()
+        require_writable(movie, MOVIES)
+        if not files.patterns:
+            raise ValueError(
+                f"output={movie!r}: a movie is made of frames, which must have names, too, such as "
+                "-o frame_{:04d}.png"
+            )
+        if options.frames or options.shard:
+            raise ValueError(
+                f"output={movie!r}: a movie is of all frames, without --frames, --shard"
+            )
 
 
 def _of_scene(
-    options: argparse.Namespace, animation: Animation, frames: list[int], files: Any
+    options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
@@ -127,7 +152,7 @@ def _of_scene(
 
 
 def _of_file(
-    options: argparse.Namespace, animation: Animation, frames: list[int], files: Any
+    options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
     """The frames of samples in a file."""
     from ..focusing.session import FocusSession

@@ -8,6 +8,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
+from potmesil_mi.animation import movie
 from potmesil_mi.animation.frames import FrameFiles
 from potmesil_mi.tracing import hidden_surface
 from scenes import SCENES
@@ -169,3 +170,16 @@ def test_files_that_are_not_there_are_named(tmp_path, pull, kept, capsys):
     assert "absent.samples" in capsys.readouterr().err
     assert cli.main(["animate", kept, pull, "-o", str(tmp_path / "no" / "f_{}.exr")]) == 1
     assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_movie_is_made_of_all_frames_when_they_are_there(tmp_path, pull, kept, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+    made = []
+    monkeypatch.setattr(movie, "write_movie", lambda *arguments: made.append(arguments))
+    assert animate(tmp_path / "frames", kept, pull, "--frames", "2-3") == 0
+    path = tmp_path / "pull.mp4"
+    assert animate(tmp_path / "frames", kept, pull, "-o", str(path)) == 0
+    ((of, frames, fps),) = made
+    assert (of, fps) == (str(path), 24)
+    assert [frame.name for frame in frames] == sorted(frames_in(tmp_path / "frames"))
+    assert len(frames) == 4
