@@ -3,6 +3,7 @@
 from . import evaluation
 from ._progress import progress
 from .animation.animation import Animation
+from .animation.camera_move import CameraMove
 from .animation.track import Key, Track
 from .filters.base import Filter, apply_filters, parse_filter
 from .filters.defocus import Defocus
@@ -31,6 +32,7 @@ __all__ = [
     "Animation",
     "Aperture",
     "Camera",
+    "CameraMove",
     "Defocus",
     "DepthOfField",
     "Diffraction",

@@ -13,14 +13,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
-from .._progress import progress, reported
+from .._progress import ProgressCallback, progress, reported
 from .._validation import require_number, require_whole
 from ..filters.base import Filter, FilterFunction
 from ..focusing.session import FocusSession
 from ..optics.aperture import Aperture
+from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from ..samples.point_samples import PointSamples
+from .camera_move import CameraMove
 from .track import Scale, Track, is_list_of_keys
 
 if TYPE_CHECKING:
@@ -79,6 +81,8 @@ class Animation:
                                   in stops; ``aperture`` is an :class:`potmesil_mi.Aperture`
     ``filters``                   those of the finished picture, in their order
     ``fps``                       frames a second, in a movie (default 24)
+    ``camera``                    how the camera moves, a :class:`CameraMove`; then each frame
+                                  needs samples of its own. ``None``: it stands still
     ============================  ==========================================================
     """
 
@@ -86,6 +90,7 @@ class Animation:
     lens: Mapping[str, Track | Aperture] = dataclasses.field(default_factory=dict)
     filters: tuple[AnimatedFilter, ...] = ()
     fps: float = 24.0
+    camera: CameraMove | None = None
 
     def __post_init__(self) -> None:
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
@@ -121,15 +126,16 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
         """
-        known = ("frames", "fps", "lens", "filters")
+        known = ("frames", "fps", "lens", "filters", "camera")
         for name in values:
             if name not in known:
                 raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
         if "frames" not in values:
             raise ValueError("frames: must be given, a number of frames or [first, last]")
         lens, filters = values.get("lens", {}), values.get("filters", [])
-        if not isinstance(lens, Mapping):
-            raise TypeError(f"lens={lens!r}: must be a table")
+        for name in ("lens", "camera"):
+            if not isinstance(values.get(name, {}), Mapping):
+                raise TypeError(f"{name}={values[name]!r}: must be a table")
         if not isinstance(filters, list) or not all(isinstance(one, Mapping) for one in filters):
             raise TypeError(f"filters={filters!r}: must be tables, [[filters]]")
         animation = cls(
@@ -137,6 +143,7 @@ class Animation:
             {name: _of_lens(name, value) for name, value in lens.items()},
             tuple(_filter(f"filters[{i}]", one) for i, one in enumerate(filters)),
             values.get("fps", cls.fps),
+            _camera(values["camera"]) if "camera" in values else None,
         )
         for frame in animation.frames:
             animation.filters_at(frame)
@@ -164,6 +171,13 @@ class Animation:
                 filters.append(one.at(frame))
         return tuple(filters)
 
+    def camera_at(self, camera: Camera, frame: float) -> Camera:
+        """Where a ``camera`` stands at a frame. Raises ``ValueError`` that names the frame."""
+        if self.camera is None:
+            return camera
+        with _named(f"frame {frame:g}: camera"):
+            return self.camera.at(camera, frame)
+
     def lenses(self, lens: Lens) -> list[Lens]:
         """What becomes of a ``lens`` at each of the frames."""
         return [self.lens_at(lens, frame) for frame in self.frames]
@@ -190,9 +204,14 @@ class Animation:
         ``rfilter``, ``alpha``        as in :meth:`potmesil_mi.FocusSession.focus`
         ============================  ==========================================================
 
-        Raises ``ValueError`` for a frame that there is not, before the first picture, and what
-        :meth:`lens_at` and ``focus`` raise.
+        Raises ``ValueError`` for a frame that there is not, before the first picture, and for a
+        camera that moves, and what :meth:`lens_at` and ``focus`` raise.
         """
+        if self.camera is not None:
+            raise ValueError(
+                "camera: moves, so that each frame needs samples of its own, rendered by the "
+                "camera of camera_at; `potmesil animate SCENE.xml` does it"
+            )
         if not isinstance(session, FocusSession):
             session = FocusSession(session)
         chosen = list(self.frames if frames is None else frames)
@@ -213,12 +232,7 @@ class Animation:
     ) -> Iterator[tuple[int, jit.TensorXf]]:
         with reported() as report:
             for done, (frame, lens) in enumerate(zip(frames, lenses, strict=True)):
-
-                def within(_: str, share: float | None, done: int = done, n: int = frame) -> None:
-                    report(f"Frame {n}", (done + (share or 0)) / len(frames))
-
-                within("", 0)
-                with progress(within):
+                with frame_progress(report, frame, done, len(frames)):
                     picture = session.focus(
                         lens,
                         filters=(*filters, *self.filters_at(frame)),
@@ -226,6 +240,25 @@ class Animation:
                         alpha=alpha,
                     )
                 yield frame, picture
+
+
+@contextlib.contextmanager
+def frame_progress(
+    report: ProgressCallback, frame: int, done: int, count: int, within: bool = True
+) -> Iterator[None]:
+    """Tell ``report`` how far a job is that makes a ``frame`` within the block.
+
+    ``done`` of ``count`` frames are there. What is done ``within`` the frame counts, if its jobs
+    are one.
+    """
+
+    def tell(text: str, share: float | None) -> None:
+        report(f"Frame {frame}", (done + (share or 0) * within) / count)
+
+    tell("", 0)
+    with progress(tell):
+        yield
+    report(f"Frame {frame}", (done + 1) / count)
 
 
 @contextlib.contextmanager
@@ -258,6 +291,11 @@ def _of_lens(name: str, value: Any) -> Track | Aperture:
             known = ", ".join((*LENS_TRACKS, APERTURE))
             raise ValueError(f"unknown, must be one of {known}")
         return Track.of(value, LENS_TRACKS[name])
+
+
+def _camera(values: Mapping[str, Any]) -> CameraMove:
+    with _named("camera"):
+        return CameraMove.from_dict(values)
 
 
 def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:

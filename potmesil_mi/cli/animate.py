@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import sys
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from .options import (
     given_method,
     set_variant,
 )
-from .taking import take
+from .taking import Opened
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation, Lens
@@ -141,14 +142,53 @@ def _of_scene(
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
 
-    taken = take(options, lambda lens, sampling: _sampling_for(animation, lens, sampling))
-    session = FocusSession(taken.samples, taken.method)
-    filters = () if animation.filters else taken.filters
+    if animation.camera is not None:
+        _of_moving_camera(options, animation, frames, files)
+        return
+    opened = Opened.of(options)
+    lens = opened.sensor.lens()
+    sampling = _sampling_for(lens, animation.lenses(lens), opened.sampling)
+    session = FocusSession(opened.sampled(options, sampling), opened.method)
+    filters = () if animation.filters else opened.filters
     pictures = animation.pictures(
-        session, frames, filters=filters, rfilter=taken.film.rfilter(), alpha=taken.has_alpha
+        session, frames, filters=filters, rfilter=opened.film.rfilter(), alpha=opened.has_alpha
     )
     for frame, picture in pictures:
         files.write(frame, picture)
+
+
+def _of_moving_camera(
+    options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
+) -> None:
+    """The frames of a scene that has samples of its own for each: their seeds differ, too."""
+    from .._progress import reported
+    from ..animation.animation import frame_progress
+    from ..focusing.api import focus
+    from ..tracing.sensor import placed
+
+    if options.samples:
+        raise ValueError(
+            f"samples={options.samples!r}: must not be given where the camera moves, and each "
+            "frame has its own"
+        )
+    opened = Opened.of(options)
+    camera, lens = opened.sensor.camera(), opened.sensor.lens()
+    cameras = [animation.camera_at(camera, frame) for frame in frames]
+    lenses = [animation.lens_at(lens, frame) for frame in frames]
+    with reported() as report:
+        for done, frame in enumerate(frames):
+            placed(opened.sensor, cameras[done])
+            sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
+            with frame_progress(report, frame, done, len(frames), within=False):
+                picture = focus(
+                    opened.sampled(options, sampling, options.seed + frame),
+                    lenses[done],
+                    method=opened.method,
+                    filters=animation.filters_at(frame) or opened.filters,
+                    rfilter=opened.film.rfilter(),
+                    alpha=opened.has_alpha,
+                )
+            files.write(frame, picture)
 
 
 def _of_file(
@@ -165,6 +205,10 @@ def _of_file(
             raise ValueError(
                 f"{name}={value}: is for a scene, and {options.scene} has its samples already"
             )
+    if animation.camera is not None:
+        raise ValueError(
+            f"camera: moves, which asks for a scene, and {options.scene} has its samples already"
+        )
     method = given_method(options)
     if options.variant is not None:
         set_variant(options.variant)
@@ -176,20 +220,23 @@ def _of_file(
         files.write(frame, picture)
 
 
-def _sampling_for(animation: Animation, lens: Lens, sampling: Sampling) -> Sampling:
-    """What to sample so that all frames are served, where ``sampling`` does not say it."""
+def _sampling_for(lens: Lens, lenses: Iterable[Lens], sampling: Sampling) -> Sampling:
+    """What to sample by a ``lens`` so that all ``lenses`` are served.
+
+    What ``sampling`` says of it stays.
+    """
     from ..optics.lens import ThinLens
 
-    lenses = [one for one in animation.lenses(lens) if isinstance(one, ThinLens)]
-    if not lenses or not isinstance(lens, ThinLens):
+    thin = [one for one in lenses if isinstance(one, ThinLens)]
+    if not thin or not isinstance(lens, ThinLens):
         return sampling
     changes: dict[str, Any] = {}
     if sampling.min_f_number is None:
         # The diameter is what counts, whatever focal length it is told by.
-        widest = max(float(one.lens_diameter) for one in lenses)
+        widest = max(float(one.lens_diameter) for one in thin)
         if widest > float(lens.lens_diameter):
             changes["min_f_number"] = float(lens.focal_length) / widest
     if sampling.focus_range is None:
-        distances = [float(one.focus_distance) for one in lenses]
+        distances = [float(one.focus_distance) for one in thin]
         changes["focus_range"] = (min(distances), max(distances))
     return dataclasses.replace(sampling, **changes)

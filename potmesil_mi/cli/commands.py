@@ -26,7 +26,7 @@ from .options import (
     scene_with_lens,
     set_variant,
 )
-from .taking import take
+from .taking import Opened
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -67,13 +67,13 @@ def render(options: argparse.Namespace) -> None:
 
     _check_outputs(options.output, options.samples)
     filters = as_filters(options.filter)
-    taken = take(options, lambda lens, sampling: sampling)
+    opened = Opened.of(options)
     picture = focus(
-        taken.samples,
-        method=taken.method,
-        filters=filters or taken.filters,
-        rfilter=taken.film.rfilter(),
-        alpha=taken.has_alpha,
+        opened.sampled(options, opened.sampling),
+        method=opened.method,
+        filters=filters or opened.filters,
+        rfilter=opened.film.rfilter(),
+        alpha=opened.has_alpha,
     )
     _write(picture, options.output)
 

@@ -1,11 +1,10 @@
-"""Point samples of the scene that a command is given, and how it says to focus them."""
+"""The scene that a command is given, how it says to focus it, and its point samples."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from .options import given_denoise, given_method, given_sampling, scene_with_lens
 
@@ -14,58 +13,66 @@ if TYPE_CHECKING:
 
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
-    from ..optics.lens import ThinLens
-    from ..optics.telecentric import TelecentricLens
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
 
-    Adapt = Callable[[ThinLens | TelecentricLens, Sampling], Sampling]
 
+@dataclasses.dataclass(frozen=True)
+class Opened:
+    """A scene, and how its integrator and the options say that it is sampled and focused."""
 
-class Taken(NamedTuple):
-    """Samples, and how the options and the scene's integrator say that they are focused."""
-
-    samples: PointSamples
+    scene: mi.Scene
+    sensor: mi.Sensor
+    sampling: Sampling
+    denoise: bool
     method: Method
     filters: tuple[FilterFunction, ...]
-    film: mi.Film
-    has_alpha: bool
 
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Opened:
+        """That of the options."""
+        from ..plugins.settings import FocusSettings
+        from ..samples.denoising import require_extra
 
-def take(options: argparse.Namespace, adapt: Adapt) -> Taken:
-    """Render the samples of the scene of the options, and keep them where these say.
+        method = given_method(options)
+        filters: tuple[FilterFunction, ...] = ()
+        if options.denoise:
+            require_extra()
+        scene, sensor = scene_with_lens(options)
+        integrator = scene.integrator()
+        if isinstance(integrator, FocusSettings):
+            method, filters = given_method(options, integrator.method), integrator.filters
+        sampling = given_sampling(options, integrator)
+        return cls(scene, sensor, sampling, given_denoise(options, integrator), method, filters)
 
-    ``adapt`` makes of the lens, and of what options and integrator say of the sampling, what is
-    sampled.
-    """
-    from ..plugins.settings import FocusSettings, has_alpha
-    from ..samples.denoising import require_extra
-    from ..tracing.hidden_surface import render_samples
+    @property
+    def film(self) -> mi.Film:
+        """That of the sensor."""
+        return self.sensor.film()
 
-    method = given_method(options)
-    filters: tuple[FilterFunction, ...] = ()
-    if options.denoise:
-        require_extra()
-    scene, sensor = scene_with_lens(options)
-    integrator = scene.integrator()
-    sampling = adapt(sensor.lens(), given_sampling(options, integrator))
-    denoise = given_denoise(options, integrator)
-    if isinstance(integrator, FocusSettings):
-        method = given_method(options, integrator.method)
-        filters = integrator.filters
-    if denoise:
-        sampling = dataclasses.replace(sampling, features=True)
-    samples = render_samples(
-        scene,
-        sensor,
-        integrator,
-        spp=options.spp,
-        seed=options.seed,
-        sampling=sampling,
-    )
-    if options.samples:
-        samples.save(options.samples)
-    if denoise:
-        samples = samples.denoised()
-    film = sensor.film()
-    return Taken(samples, method, filters, film, has_alpha(film))
+    @property
+    def has_alpha(self) -> bool:
+        """Whether the film shows coverage."""
+        from ..plugins.settings import has_alpha
+
+        return has_alpha(self.film)
+
+    def sampled(
+        self, options: argparse.Namespace, sampling: Sampling, seed: int | None = None
+    ) -> PointSamples:
+        """The samples, kept where the options say; ``seed`` is theirs by default."""
+        from ..tracing.hidden_surface import render_samples
+
+        if self.denoise:
+            sampling = dataclasses.replace(sampling, features=True)
+        samples = render_samples(
+            self.scene,
+            self.sensor,
+            self.scene.integrator(),
+            spp=options.spp,
+            seed=options.seed if seed is None else seed,
+            sampling=sampling,
+        )
+        if options.samples:
+            samples.save(options.samples)
+        return samples.denoised() if self.denoise else samples

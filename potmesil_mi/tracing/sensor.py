@@ -111,6 +111,14 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sen
     return replacement
 
 
+def placed(sensor: mi.Sensor, camera: Camera) -> None:
+    """Let a ``potmesil`` or ``potmesil_orthographic`` sensor stand where ``camera`` stands."""
+    parameters = mi.traverse(sensor)
+    key = next(key for key, _ in parameters if key.split(".")[-1] == "to_world")
+    parameters[key] = type(parameters[key])(np.array(camera.to_world))
+    parameters.update()
+
+
 def is_orthographic(sensor: mi.Sensor) -> bool:
     """Whether the sensor's rays are parallel: ``orthographic`` or ``potmesil_orthographic``."""
     if isinstance(sensor, LensSensor):

@@ -8,6 +8,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.animation.frames import FrameFiles, chosen_frames
+from potmesil_mi.optics.camera import angles_of, look_at, orientation
 from scenes import synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -130,6 +131,81 @@ def test_an_animation_has_frames():
     with pytest.raises(ValueError, match="frames=range"):
         pm.Animation(range(0))
     assert dataclasses.replace(pm.Animation(range(2)), frames=range(5)).frames.stop == 5
+
+
+# ---------------------------------------------------------------- cameras
+
+
+def turned(camera, **angles):
+    """Where the camera stands, turned by some of the paper's angles."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = orientation(*(angles.get(name, 0.0) for name in ("pan", "tilt", "swing")))
+    matrix[:3, 3] = camera.world_from_camera()[:3, 3]
+    return matrix
+
+
+def test_a_camera_turns_and_goes_where_it_is_told():
+    camera = synthetic(1).camera
+    move = {"origin": [[0, [0, 0, 0]], [4, [4, 8, 0], "ease"]], "pan": [[0, 0], [4, 20]]}
+    animation = pm.Animation.from_dict({"frames": 5, "camera": move})
+    there = animation.camera_at(camera, 2).world_from_camera()
+    np.testing.assert_allclose(there[:3, 3], [2, 4, 0])
+    own = angles_of(camera.world_from_camera()[:3, :3])
+    expected = turned(camera, pan=10, tilt=float(own.tilt), swing=float(own.swing))
+    np.testing.assert_allclose(there[:3, :3], expected[:3, :3], atol=1e-12)
+    still = pm.Animation.from_dict({"frames": 5, "camera": {}}).camera_at(camera, 2)
+    np.testing.assert_allclose(still.world_from_camera(), camera.world_from_camera(), atol=1e-12)
+
+
+def test_a_camera_looks_at_its_target():
+    camera = synthetic(1).camera
+    move = {"target": [1, 2, 30], "up": [1, 0, 0], "origin": [0, 0, -5]}
+    animation = pm.Animation.from_dict({"frames": 1, "camera": move})
+    there = animation.camera_at(camera, 0)
+    expected = look_at([0, 0, -5], [1, 2, 30], [1, 0, 0], axes="mitsuba")
+    np.testing.assert_allclose(there.world_from_camera(), expected, atol=1e-12)
+    np.testing.assert_allclose(there.pixel_from_world([1, 2, 30]), there.principal_point)
+
+
+def test_a_scaled_camera_keeps_its_scale():
+    scaled = np.diag([2.0, 3.0, 1.0, 1.0])
+    camera = dataclasses.replace(synthetic(1).camera, to_world=tuple(map(tuple, scaled.tolist())))
+    animation = pm.Animation.from_dict({"frames": 1, "camera": {"swing": 90}})
+    there = animation.camera_at(camera, 0).world_from_camera()[:3, :3]
+    np.testing.assert_allclose(np.linalg.norm(there, axis=0), [2, 3, 1])
+
+
+@pytest.mark.parametrize(
+    ("move", "message"),
+    [
+        (3, "camera=3: must be a table"),
+        ({"zoom": 3}, "camera: zoom: unknown, must be one of origin"),
+        ({"pan": [1, 2]}, "camera: pan: .*must be a number, or a list of keys"),
+        ({"origin": 3}, "camera: origin: 3: must be three numbers"),
+        ({"origin": [1, 2]}, "camera: origin: .*must be three numbers"),
+        ({"origin": [[0, 1]]}, "camera: origin: .*must be three numbers"),
+        ({"origin": [[0, [1, 2]]]}, "camera: origin: .*must be three numbers"),
+        ({"origin": [[0, [1, 2, math.nan]]]}, r"camera: origin: keys\[0\]: value=nan"),
+        ({"up": [0, 1, 0]}, "camera: up: must be given with target"),
+        ({"target": [0, 1, 0], "tilt": 3}, "camera: tilt: must not be given with target"),
+    ],
+)
+def test_what_is_wrong_in_a_camera_move_is_named(move, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        pm.Animation.from_dict({"frames": 2, "camera": move})
+
+
+def test_a_target_where_the_camera_stands_is_named_with_its_frame():
+    move = {"origin": [1, 2, 3], "target": [[0, [0, 0, 0]], [1, [1, 2, 3]]]}
+    animation = pm.Animation.from_dict({"frames": 2, "camera": move})
+    with pytest.raises(ValueError, match="frame 1: camera: target="):
+        animation.camera_at(synthetic(1).camera, 1)
+
+
+def test_samples_do_not_do_for_a_camera_that_moves():
+    animation = pm.Animation.from_dict({"frames": 2, "camera": {"pan": 3}})
+    with pytest.raises(ValueError, match="camera: moves, so that each frame needs samples"):
+        animation.pictures(synthetic(50))
 
 
 # ---------------------------------------------------------------- files

@@ -183,3 +183,47 @@ def test_a_movie_is_made_of_all_frames_when_they_are_there(tmp_path, pull, kept,
     assert (of, fps) == (str(path), 24)
     assert [frame.name for frame in frames] == sorted(frames_in(tmp_path / "frames"))
     assert len(frames) == 4
+
+
+# ---------------------------------------------------------------- cameras that move
+
+PAN = """
+frames = [5, 6]
+[camera]
+origin = [[5, [0, 0, 0]], [6, [30, 0, 0]]]
+pan = [[5, 180], [6, 184]]
+"""
+
+
+@pytest.fixture
+def pan(tmp_path):
+    path = tmp_path / "pan.toml"
+    path.write_text(PAN, encoding="utf-8")
+    return str(path)
+
+
+def test_frames_of_a_moving_camera_are_those_of_a_camera_that_stands_there(tmp_path, pan):
+    assert animate(tmp_path / "frames", FIGURE, pan, *SMALL, "--seed", "3") == 0
+    found = frames_in(tmp_path / "frames")
+    scene = mi.load_file(FIGURE, optimize=False, res=24, spp=4)
+    animation = pm.Animation.load(pan)
+    sensor = pm.potmesil_sensor(scene.sensors()[0])
+    for frame in (5, 6):
+        camera = animation.camera_at(scene.sensors()[0].camera(), frame)
+        parameters = mi.traverse(sensor)
+        parameters["to_world"] = mi.Transform4f(np.array(camera.to_world))
+        parameters.update()
+        distance = sensor.lens().focus_distance
+        sampling = pm.Sampling(focus_range=(distance, distance))
+        samples = pm.render_samples(scene, sensor, seed=3 + frame, sampling=sampling)
+        np.testing.assert_allclose(samples.camera.to_world, camera.to_world, atol=1e-6)
+        expected = np.array(pm.focus(samples, rfilter=sensor.film().rfilter()))
+        np.testing.assert_allclose(found[f"f_{frame:02d}.exr"], expected, rtol=1e-4, atol=1e-5)
+    assert np.abs(found["f_05.exr"] - found["f_06.exr"]).max() > 0.1
+
+
+def test_a_moving_camera_asks_for_a_scene(tmp_path, pan, kept, capsys):
+    assert animate(tmp_path / "frames", kept, pan) == 1
+    assert "camera: moves, which asks for a scene" in capsys.readouterr().err
+    assert animate(tmp_path / "frames", FIGURE, pan, "--samples", str(tmp_path / "a.samples")) == 1
+    assert "must not be given where the camera moves" in capsys.readouterr().err
