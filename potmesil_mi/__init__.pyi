@@ -4,7 +4,8 @@ from . import evaluation
 from ._progress import progress
 from .animation.animation import Animation
 from .animation.camera_move import CameraMove
-from .animation.track import Key, Track
+from .animation.shape_move import ShapeMove
+from .animation.track import Key, Track, VectorTrack
 from .filters.base import Filter, apply_filters, parse_filter
 from .filters.defocus import Defocus
 from .filters.diffraction import Diffraction
@@ -51,10 +52,12 @@ __all__ = [
     "PointSpreadFunction",
     "Polygon",
     "Sampling",
+    "ShapeMove",
     "Star",
     "TelecentricLens",
     "ThinLens",
     "Track",
+    "VectorTrack",
     "Window",
     "aperture_of",
     "apply_filters",

@@ -12,6 +12,8 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .. import _backend as jit
 from .._progress import ProgressCallback, progress, reported
 from .._validation import require_number, require_whole
@@ -23,7 +25,8 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from ..samples.point_samples import PointSamples
 from .camera_move import CameraMove
-from .track import Scale, Track, is_list_of_keys
+from .shape_move import ShapeMove
+from .track import Scale, Track, is_list_of_keys, named
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -81,9 +84,12 @@ class Animation:
                                   in stops; ``aperture`` is an :class:`potmesil_mi.Aperture`
     ``filters``                   those of the finished picture, in their order
     ``fps``                       frames a second, in a movie (default 24)
-    ``camera``                    how the camera moves, a :class:`CameraMove`; then each frame
-                                  needs samples of its own. ``None``: it stands still
+    ``camera``                    how the camera moves, a :class:`CameraMove`; ``None``: it
+                                  stands still
+    ``shapes``                    how shapes move, by their ids: a :class:`ShapeMove` each
     ============================  ==========================================================
+
+    Where camera or shapes move, each frame needs samples of its own.
     """
 
     frames: range
@@ -91,6 +97,7 @@ class Animation:
     filters: tuple[AnimatedFilter, ...] = ()
     fps: float = 24.0
     camera: CameraMove | None = None
+    shapes: Mapping[str, ShapeMove] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
@@ -117,7 +124,7 @@ class Animation:
                 values = tomllib.load(file)
             except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
                 raise ValueError(f"{name}: is not TOML: {error}") from error
-        with _named(name):
+        with named(name):
             return cls.from_dict(values)
 
     @classmethod
@@ -126,14 +133,14 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
         """
-        known = ("frames", "fps", "lens", "filters", "camera")
+        known = ("frames", "fps", "lens", "filters", "camera", "shapes")
         for name in values:
             if name not in known:
                 raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
         if "frames" not in values:
             raise ValueError("frames: must be given, a number of frames or [first, last]")
         lens, filters = values.get("lens", {}), values.get("filters", [])
-        for name in ("lens", "camera"):
+        for name in ("lens", "camera", "shapes"):
             if not isinstance(values.get(name, {}), Mapping):
                 raise TypeError(f"{name}={values[name]!r}: must be a table")
         if not isinstance(filters, list) or not all(isinstance(one, Mapping) for one in filters):
@@ -144,6 +151,7 @@ class Animation:
             tuple(_filter(f"filters[{i}]", one) for i, one in enumerate(filters)),
             values.get("fps", cls.fps),
             _camera(values["camera"]) if "camera" in values else None,
+            {name: _shape(name, value) for name, value in values.get("shapes", {}).items()},
         )
         for frame in animation.frames:
             animation.filters_at(frame)
@@ -160,14 +168,14 @@ class Animation:
             name: value.at(frame) if isinstance(value, Track) else value
             for name, value in self.lens.items()
         }
-        with _named(f"frame {frame:g}"):
+        with named(f"frame {frame:g}"):
             return lens.replace(**changes) if changes else lens
 
     def filters_at(self, frame: float) -> tuple[Filter, ...]:
         """The filters of a frame. Raises what :meth:`lens_at` raises."""
         filters = []
         for i, one in enumerate(self.filters):
-            with _named(f"frame {frame:g}: filters[{i}]"):
+            with named(f"frame {frame:g}: filters[{i}]"):
                 filters.append(one.at(frame))
         return tuple(filters)
 
@@ -175,8 +183,27 @@ class Animation:
         """Where a ``camera`` stands at a frame. Raises ``ValueError`` that names the frame."""
         if self.camera is None:
             return camera
-        with _named(f"frame {frame:g}: camera"):
+        with named(f"frame {frame:g}: camera"):
             return self.camera.at(camera, frame)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera or a shape moves, so that each frame needs samples of its own."""
+        return self.camera is not None or len(self.shapes) > 0
+
+    def transforms_at(
+        self, centres: Mapping[str, np.ndarray], frame: float
+    ) -> dict[str, np.ndarray]:
+        """The matrices (4, 4) of the world that move shapes, by their ids, at a frame.
+
+        ``centres``, (3,) each, are the middles of their bounding boxes. Raises ``ValueError`` that
+        names the frame and the shape.
+        """
+        transforms = {}
+        for name, move in self.shapes.items():
+            with named(f"frame {frame:g}: shapes.{name}"):
+                transforms[name] = move.at(frame, centres[name])
+        return transforms
 
     def lenses(self, lens: Lens) -> list[Lens]:
         """What becomes of a ``lens`` at each of the frames."""
@@ -204,13 +231,14 @@ class Animation:
         ``rfilter``, ``alpha``        as in :meth:`potmesil_mi.FocusSession.focus`
         ============================  ==========================================================
 
-        Raises ``ValueError`` for a frame that there is not, before the first picture, and for a
-        camera that moves, and what :meth:`lens_at` and ``focus`` raise.
+        Raises ``ValueError`` for a frame that there is not, before the first picture, and where
+        something :attr:`moves`, and what :meth:`lens_at` and ``focus`` raise.
         """
-        if self.camera is not None:
+        if self.moves:
+            what = "shapes" if self.camera is None else "camera"
             raise ValueError(
-                "camera: moves, so that each frame needs samples of its own, rendered by the "
-                "camera of camera_at; `potmesil animate SCENE.xml` does it"
+                f"{what}: moves, so that each frame needs samples of its own; `potmesil animate "
+                "SCENE.xml` takes them"
             )
         if not isinstance(session, FocusSession):
             session = FocusSession(session)
@@ -261,15 +289,6 @@ def frame_progress(
     report(f"Frame {frame}", (done + 1) / count)
 
 
-@contextlib.contextmanager
-def _named(what: str) -> Iterator[None]:
-    """Errors within the block name ``what`` first."""
-    try:
-        yield
-    except (ValueError, TypeError) as error:
-        raise type(error)(f"{what}: {error}") from error
-
-
 def _frames(value: Any) -> range:
     if isinstance(value, list):
         if len(value) != 2:
@@ -284,7 +303,7 @@ def _frames(value: Any) -> range:
 
 
 def _of_lens(name: str, value: Any) -> Track | Aperture:
-    with _named(f"lens.{name}"):
+    with named(f"lens.{name}"):
         if name == APERTURE:
             return Aperture.parse(value)
         if name not in LENS_TRACKS:
@@ -294,14 +313,21 @@ def _of_lens(name: str, value: Any) -> Track | Aperture:
 
 
 def _camera(values: Mapping[str, Any]) -> CameraMove:
-    with _named("camera"):
+    with named("camera"):
         return CameraMove.from_dict(values)
+
+
+def _shape(name: str, values: Any) -> ShapeMove:
+    with named(f"shapes.{name}"):
+        if not isinstance(values, Mapping):
+            raise TypeError(f"{values!r}: must be a table")
+        return ShapeMove.from_dict(values)
 
 
 def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:
     parameters = dict(values)
     name = parameters.pop("name", None)
-    with _named(what):
+    with named(what):
         if not isinstance(name, str):
             raise TypeError(f"name={name!r}: must be given, such as 'fade'")
         Filter.member(name)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from numbers import Real
 from typing import Any, Literal, get_args
+
+import numpy as np
 
 from .._validation import require_choice, require_number
 
@@ -119,6 +122,54 @@ class Track:
         if self.scale == "logarithmic":
             return math.exp(_mix(math.log(first.value), math.log(last.value), part))
         return _mix(first.value, last.value, part)
+
+
+@dataclasses.dataclass(frozen=True)
+class VectorTrack:
+    """A point or a direction for every frame: a track for each of its three numbers."""
+
+    x: Track
+    y: Track
+    z: Track
+
+    @classmethod
+    def of(cls, value: Any) -> VectorTrack:
+        """That of three numbers, or of a list of keys ``[frame, [x, y, z]]`` or with an easing.
+
+        Raises ``TypeError`` for anything else, and what :class:`Track` raises.
+        """
+        wrong = TypeError(
+            f"{value!r}: must be three numbers, or a list of keys such as [[0, [0, 1, 5]], [24, "
+            "[1, 1, 5], 'ease']]"
+        )
+        if not isinstance(value, list) or not value:
+            raise wrong
+        if not is_list_of_keys(value):
+            if len(value) != 3:
+                raise wrong
+            return cls(*(Track.of(number) for number in value))
+        for key in value:
+            if not 2 <= len(key) <= 3 or not isinstance(key[1], list) or len(key[1]) != 3:
+                raise wrong
+        return cls(
+            *(
+                Track(tuple(Key(frame, point[i], *easing) for frame, point, *easing in value))
+                for i in range(3)
+            )
+        )
+
+    def at(self, frame: float) -> np.ndarray:
+        """The point or direction at a frame, float64 (3,)."""
+        return np.array([track.at(frame) for track in (self.x, self.y, self.z)])
+
+
+@contextlib.contextmanager
+def named(what: str) -> Iterator[None]:
+    """Errors of values within the block name ``what`` first."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        raise type(error)(f"{what}: {error}") from error
 
 
 def is_list_of_keys(value: Any) -> bool:

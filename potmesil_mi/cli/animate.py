@@ -142,8 +142,8 @@ def _of_scene(
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
 
-    if animation.camera is not None:
-        _of_moving_camera(options, animation, frames, files)
+    if animation.moves:
+        _of_moving_scene(options, animation, frames, files)
         return
     opened = Opened.of(options)
     lens = opened.sensor.lens()
@@ -157,27 +157,33 @@ def _of_scene(
         files.write(frame, picture)
 
 
-def _of_moving_camera(
+def _of_moving_scene(
     options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
     """The frames of a scene that has samples of its own for each: their seeds differ, too."""
     from .._progress import reported
     from ..animation.animation import frame_progress
     from ..focusing.api import focus
+    from ..tracing.posing import PosedShapes
     from ..tracing.sensor import placed
 
     if options.samples:
         raise ValueError(
-            f"samples={options.samples!r}: must not be given where the camera moves, and each "
-            "frame has its own"
+            f"samples={options.samples!r}: must not be given where something moves, and each frame "
+            "has its own"
         )
     opened = Opened.of(options)
     camera, lens = opened.sensor.camera(), opened.sensor.lens()
+    shapes = PosedShapes(opened.scene, animation.shapes)
+    centres = {name: shapes.centre(name) for name in animation.shapes}
+    # What is wrong in a frame is found before the first.
     cameras = [animation.camera_at(camera, frame) for frame in frames]
     lenses = [animation.lens_at(lens, frame) for frame in frames]
+    transforms = [animation.transforms_at(centres, frame) for frame in frames]
     with reported() as report:
         for done, frame in enumerate(frames):
             placed(opened.sensor, cameras[done])
+            shapes.place(transforms[done])
             sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
             with frame_progress(report, frame, done, len(frames), within=False):
                 picture = focus(
@@ -205,9 +211,10 @@ def _of_file(
             raise ValueError(
                 f"{name}={value}: is for a scene, and {options.scene} has its samples already"
             )
-    if animation.camera is not None:
+    if animation.moves:
+        what = "shapes" if animation.camera is None else "camera"
         raise ValueError(
-            f"camera: moves, which asks for a scene, and {options.scene} has its samples already"
+            f"{what}: moves, which asks for a scene, and {options.scene} has its samples already"
         )
     method = given_method(options)
     if options.variant is not None:

@@ -226,4 +226,49 @@ def test_a_moving_camera_asks_for_a_scene(tmp_path, pan, kept, capsys):
     assert animate(tmp_path / "frames", kept, pan) == 1
     assert "camera: moves, which asks for a scene" in capsys.readouterr().err
     assert animate(tmp_path / "frames", FIGURE, pan, "--samples", str(tmp_path / "a.samples")) == 1
-    assert "must not be given where the camera moves" in capsys.readouterr().err
+    assert "must not be given where something moves" in capsys.readouterr().err
+
+
+BALL = """
+<scene version="3.0.0">
+    <integrator type="direct"/>
+    <sensor type="thinlens">
+        <float name="fov" value="40"/>
+        <float name="aperture_radius" value="0.1"/>
+        <float name="focus_distance" value="5"/>
+        <transform name="to_world"><lookat origin="0,0,-5" target="0,0,0" up="0,1,0"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="24"/><integer name="height" value="18"/>
+        </film>
+        <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
+    </sensor>
+    <emitter type="constant"/>
+    <shape type="sphere" id="ball">
+        <transform name="to_world"><translate value="$x, 0, 0"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.1, 0.2, 0.4"/></bsdf>
+    </shape>
+</scene>
+"""
+ROLL = """
+frames = 2
+[shapes.ball]
+translate = [[0, [0, 0, 0]], [1, [1.5, 0, 0]]]
+"""
+
+
+def test_frames_of_a_moving_shape_are_those_of_a_scene_that_has_it_there(tmp_path, capsys):
+    scene, roll = tmp_path / "ball.xml", tmp_path / "roll.toml"
+    scene.write_text(BALL, encoding="utf-8")
+    roll.write_text(ROLL, encoding="utf-8")
+    assert animate(tmp_path / "frames", str(scene), str(roll), "-D", "x=-1") == 0
+    found = frames_in(tmp_path / "frames")
+    for frame, x in enumerate((-1, 0.5)):
+        output = tmp_path / f"{frame}.exr"
+        arguments = ["-D", f"x={x}", "--seed", str(frame), "--focus-range", "5/5"]
+        assert cli.main(["render", str(scene), *arguments, "-o", str(output)]) == 0
+        expected = np.array(mi.Bitmap(str(output)))
+        np.testing.assert_allclose(found[f"f_{frame:02d}.exr"], expected, rtol=1e-3, atol=1e-3)
+    roll.write_text(ROLL.replace("ball", "cone"), encoding="utf-8")
+    assert animate(tmp_path / "no", str(scene), str(roll), "-D", "x=0") == 1
+    told = capsys.readouterr().err
+    assert "shapes.cone: must be the id of one shape of the scene, which has ball" in told
