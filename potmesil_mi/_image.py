@@ -71,7 +71,8 @@ def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
     bitmap = mi.Bitmap(os.fspath(path)).convert(
         mi.Bitmap.PixelFormat.Y, mi.Struct.Type.Float32, srgb_gamma=False
     )
-    return np.array(bitmap, dtype=np.float64).reshape(bitmap.size()[::-1])
+    values = np.array(bitmap, dtype=np.float64)  # Its size has a type that needs a variant.
+    return values.reshape(values.shape[:2])
 
 
 def read_srgb(path: str | os.PathLike[str]) -> np.ndarray:

@@ -44,6 +44,8 @@ LENS_TRACKS: dict[str, Scale] = {
 }
 """Parameters of a lens that can change, and in what they do so evenly."""
 
+FOCUS_DISTANCE = "focus_distance"
+
 APERTURE = "aperture"
 """The parameter of a lens that is the same in all frames."""
 
@@ -67,7 +69,7 @@ class AnimatedFilter:
             name: value.at(frame) if isinstance(value, Track) else value
             for name, value in self.parameters.items()
         }
-        return Filter.member(self.name)(**values)
+        return Filter.member(self.name).of_parameters(values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +82,9 @@ class Animation:
     ``frames``                    numbers of the frames, one after the other
     ``lens``                      parameters of the lens that it has in place of the one at
                                   hand: a :class:`Track` each. ``focus_distance`` changes
-                                  evenly in 1/U, in which circles of confusion do, ``f_number``
-                                  in stops; ``aperture`` is an :class:`potmesil_mi.Aperture`
+                                  evenly in 1/U, in which circles of confusion do, of a
+                                  telecentric lens in itself, ``f_number`` in stops;
+                                  ``aperture`` is an :class:`potmesil_mi.Aperture`
     ``filters``                   those of the finished picture, in their order
     ``fps``                       frames a second, in a movie (default 24)
     ``camera``                    how the camera moves, a :class:`CameraMove`; ``None``: it
@@ -103,6 +106,10 @@ class Animation:
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
         if not isinstance(self.frames, range) or self.frames.step != 1 or not self.frames:
             raise ValueError(f"frames={self.frames!r}: must be a range of one frame at least")
+        for name in self.lens:
+            if name not in LENS_TRACKS and name != APERTURE:
+                known = ", ".join((*LENS_TRACKS, APERTURE))
+                raise ValueError(f"lens.{name}: unknown, must be one of {known}")
 
     # ------------------------------------------------------------ from texts
 
@@ -153,9 +160,16 @@ class Animation:
             _camera(values["camera"]) if "camera" in values else None,
             {name: _shape(name, value) for name, value in values.get("shapes", {}).items()},
         )
-        for frame in animation.frames:
+        for frame in animation._ends():
             animation.filters_at(frame)
         return animation
+
+    def _ends(self) -> list[float]:
+        """The first and the last frame, and where filters have keys: between these values are."""
+        parameters = (value for one in self.filters for value in one.parameters.values())
+        keys = (key.frame for of in parameters if isinstance(of, Track) for key in of.keys)
+        first, last = self.frames.start, self.frames.stop - 1
+        return sorted({first, last, *(frame for frame in keys if first < frame < last)})
 
     # ------------------------------------------------------------ by frames
 
@@ -164,12 +178,25 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names the frame and the parameter.
         """
-        changes: dict[str, Any] = {
-            name: value.at(frame) if isinstance(value, Track) else value
+        changes: dict[str, Any] = {}
+        with named(f"frame {frame:g}"):
+            for name, value in self.lens.items():
+                if not isinstance(value, Track):
+                    changes[name] = value
+                elif name == FOCUS_DISTANCE and isinstance(lens, TelecentricLens):
+                    # Its circles change evenly with the depth itself.
+                    changes[name] = dataclasses.replace(value, scale="linear").at(frame)
+                else:
+                    changes[name] = value.at(frame)
+            return lens.replace(**changes) if changes else lens
+
+    def first_lens(self) -> dict[str, Any]:
+        """The parameters of the lens at the first frame."""
+        first = self.frames.start
+        return {
+            name: value.at(first) if isinstance(value, Track) else value
             for name, value in self.lens.items()
         }
-        with named(f"frame {frame:g}"):
-            return lens.replace(**changes) if changes else lens
 
     def filters_at(self, frame: float) -> tuple[Filter, ...]:
         """The filters of a frame. Raises what :meth:`lens_at` raises."""
@@ -306,10 +333,12 @@ def _of_lens(name: str, value: Any) -> Track | Aperture:
     with named(f"lens.{name}"):
         if name == APERTURE:
             return Aperture.parse(value)
-        if name not in LENS_TRACKS:
-            known = ", ".join((*LENS_TRACKS, APERTURE))
-            raise ValueError(f"unknown, must be one of {known}")
-        return Track.of(value, LENS_TRACKS[name])
+        if name == FOCUS_DISTANCE:
+            # Of a telecentric lens, which may be focused behind where depths begin, it may be <= 0.
+            with contextlib.suppress(ValueError):
+                return Track.of(value, LENS_TRACKS[name])
+            return Track.of(value)
+        return Track.of(value, LENS_TRACKS.get(name, "linear"))
 
 
 def _camera(values: Mapping[str, Any]) -> CameraMove:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import string
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -12,6 +11,8 @@ from .._image import PICTURES, remove_leftovers, require_writable, write_picture
 
 RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 SHARD = re.compile(r"(\d+)/(\d+)")
+PLACE = re.compile(r"\{(?::0?\d{0,2}d?)?\}")
+BRACE = re.compile(r"[{}]")
 
 
 def chosen_frames(every: range, frames: str | None = None, shard: str | None = None) -> list[int]:
@@ -48,23 +49,39 @@ def chosen_frames(every: range, frames: str | None = None, shard: str | None = N
 class FrameFiles:
     """Files of frames, by patterns such as ``frame_{:04d}.exr``, and a name for each of them.
 
-    Raises ``ValueError`` for a pattern without a place for the number, or with another one, and
-    what :func:`potmesil_mi._image.require_writable` raises.
+    Raises ``ValueError`` for a pattern without a place for the number, or with another one.
     """
 
     def __init__(self, patterns: Sequence[str]) -> None:
         self.patterns = patterns
         for pattern in patterns:
-            if self._name(pattern, 1) == self._name(pattern, 2):
+            if len(PLACE.findall(pattern)) != 1 or BRACE.search(PLACE.sub("", pattern)):
                 raise ValueError(
-                    f"output={pattern!r}: must have a place for the number of the frame, such as "
+                    f"output={pattern!r}: must have one place for the number of the frame, such as "
                     "frame_{:04d}.exr"
                 )
-            require_writable(self._name(pattern, 1), PICTURES)
+
+    def check(self, frames: Iterable[int], sources: Iterable[str]) -> None:
+        """Find out before the first frame that one cannot be written, or would replace a source.
+
+        Raises what :func:`potmesil_mi._image.require_writable` does, and ``ValueError``.
+        """
+        kept = {Path(source).resolve(): source for source in sources}
+        folders: dict[Path, Path] = {}
+        for path in (path for frame in frames for path in self.of(frame)):
+            folders.setdefault(path.parent, path)
+            source = kept.get(path.resolve())
+            if source is not None:
+                raise ValueError(f"{source}: a frame must not take its place")
+        for path in folders.values():
+            require_writable(path, PICTURES)
+        for path in self.of(0):  # where there are no frames to write
+            if path.suffix.lower() not in PICTURES:
+                require_writable(path, PICTURES)
 
     def of(self, frame: int) -> list[Path]:
         """The files of a frame."""
-        return [Path(self._name(pattern, frame)) for pattern in self.patterns]
+        return [Path(pattern.format(frame)) for pattern in self.patterns]
 
     def are_there(self, frame: int) -> bool:
         """Whether a frame is finished: files are written whole or not at all."""
@@ -81,16 +98,3 @@ class FrameFiles:
         for path in self.of(frame):
             write_picture(picture, path)
             remove_leftovers(path)
-
-    @staticmethod
-    def _name(pattern: str, frame: int) -> str:
-        try:
-            fields = [field for _, field, _, _ in string.Formatter().parse(pattern)]
-            if any(field not in (None, "") for field in fields):
-                raise ValueError("a field has a name")
-            return pattern.format(frame)
-        except (ValueError, IndexError) as error:
-            raise ValueError(
-                f"output={pattern!r}: must have one place for the number of the frame, such as "
-                f"frame_{{:04d}}.exr ({error})"
-            ) from None

@@ -7,7 +7,6 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
-from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -94,8 +93,8 @@ class Track:
 
         Raises ``TypeError`` for anything else, and what the constructor raises.
         """
-        if isinstance(value, Real) and not isinstance(value, bool):
-            return cls((Key(0.0, float(value)),), scale)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return cls((Key(0.0, value),), scale)
         if not is_list_of_keys(value):
             raise TypeError(
                 f"{value!r}: must be a number, or a list of keys such as [[0, 1.5], [24, 3, "

@@ -95,6 +95,8 @@ def animate(options: argparse.Namespace) -> None:
     chosen = chosen_frames(animation.frames, options.frames, options.shard)
     done = [] if options.overwrite else [frame for frame in chosen if files.are_there(frame)]
     frames = sorted(set(chosen) - set(done))
+    sources = [options.scene, *([options.samples] if options.samples else [])]
+    files.check(chosen, sources)
     if done:
         print(
             f"potmesil: {len(done)} of {len(chosen)} frames are there already and stay",
@@ -103,12 +105,18 @@ def animate(options: argparse.Namespace) -> None:
         old = files.older_than(done, (options.scene, options.animation))
         if old:
             warnings.warn(
-                f"{old[0]} and {len(old) - 1} more frames are older than {options.scene} or "
+                f"{len(old)} files of frames, such as {old[0]}, are older than {options.scene} or "
                 f"{options.animation}: --overwrite makes them anew",
                 stacklevel=1,
             )
     if options.samples:
         require_writable(options.samples, ENDINGS)
+        if not frames:
+            warnings.warn(
+                f"samples={options.samples}: are not taken, for all frames are there already; "
+                "`potmesil render --samples` takes them, and --overwrite makes frames anew",
+                stacklevel=1,
+            )
     if frames and options.scene.lower().endswith(tuple(ENDINGS)):
         _of_file(options, animation, frames, files)
     elif frames:
@@ -145,7 +153,7 @@ def _of_scene(
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
         return
-    opened = Opened.of(options)
+    opened = Opened.of(options, animation.first_lens())
     lens = opened.sensor.lens()
     sampling = _sampling_for(lens, animation.lenses(lens), opened.sampling)
     session = FocusSession(opened.sampled(options, sampling), opened.method)
@@ -172,7 +180,7 @@ def _of_moving_scene(
             f"samples={options.samples!r}: must not be given where something moves, and each frame "
             "has its own"
         )
-    opened = Opened.of(options)
+    opened = Opened.of(options, animation.first_lens())
     camera, lens = opened.sensor.camera(), opened.sensor.lens()
     shapes = PosedShapes(opened.scene, animation.shapes)
     centres = {name: shapes.centre(name) for name in animation.shapes}

@@ -47,6 +47,9 @@ LENS_OPTIONS = {
 }
 """Help of the options that are parameters of ``ThinLens`` and ``TelecentricLens``."""
 
+OPENINGS = {"f_number", "aperture_radius"}
+"""Two parameters of which one says how wide the aperture is."""
+
 METHOD_OPTIONS = {
     "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation "
     "20; or one with parameters, such as layered:lens_points=64,squares=2",
@@ -206,8 +209,13 @@ def _definition(text: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- what the options say
 
 
-def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
-    """The scene, and its sensor with the lens of the options."""
+def scene_with_lens(
+    options: argparse.Namespace, otherwise: Mapping[str, Any] | None = None
+) -> tuple[mi.Scene, mi.Sensor]:
+    """The scene, and its sensor with the lens of the options.
+
+    Where these do not say it, the lens has the parameters ``otherwise``.
+    """
     import mitsuba as mi
 
     from ..tracing.sensor import (
@@ -224,7 +232,10 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
     if scene.integrator() is None:
         raise ValueError(f"{options.scene}: has no integrator")
     sensor = pick_sensor(scene, options.sensor)
-    lens = given_lens(options)
+    given, lens = given_lens(options), dict(otherwise or {})
+    if not given.keys().isdisjoint(OPENINGS):
+        lens = {name: value for name, value in lens.items() if name not in OPENINGS}
+    lens.update(given)
     if is_orthographic(sensor):
         told = "focus_distance" in lens or stated_focus_distance(sensor) is not None
         if not (has_lens(sensor) or (told and "half_angle" in lens)):
@@ -238,7 +249,7 @@ def scene_with_lens(options: argparse.Namespace) -> tuple[mi.Scene, mi.Sensor]:
             f"half_angle={lens['half_angle']}: is for an orthographic sensor, which the scene "
             f"{options.scene} does not have"
         )
-    if not has_lens(sensor) and lens.keys().isdisjoint({"f_number", "aperture_radius"}):
+    if not has_lens(sensor) and lens.keys().isdisjoint(OPENINGS):
         raise ValueError(
             f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
             "--aperture-radius) and --focus-distance"

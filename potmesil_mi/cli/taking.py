@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from .options import given_denoise, given_method, given_sampling, scene_with_lens
 
@@ -29,8 +30,8 @@ class Opened:
     filters: tuple[FilterFunction, ...]
 
     @classmethod
-    def of(cls, options: argparse.Namespace) -> Opened:
-        """That of the options."""
+    def of(cls, options: argparse.Namespace, lens: Mapping[str, Any] | None = None) -> Opened:
+        """That of the options; ``lens`` has what these do not say of the lens."""
         from ..plugins.settings import FocusSettings
         from ..samples.denoising import require_extra
 
@@ -38,7 +39,7 @@ class Opened:
         filters: tuple[FilterFunction, ...] = ()
         if options.denoise:
             require_extra()
-        scene, sensor = scene_with_lens(options)
+        scene, sensor = scene_with_lens(options, lens)
         integrator = scene.integrator()
         if isinstance(integrator, FocusSettings):
             method, filters = given_method(options, integrator.method), integrator.filters

@@ -55,7 +55,8 @@ def spread(
     """The sum of images, float32 (H, W, C), each spread by its kernel: float32 (H, W, C).
 
     A kernel is an array (K, L), or a short symmetric row (n,) that spreads along both axes one
-    after the other. Around the light, images have empty borders as wide as half their kernels.
+    after the other. Around the light, images have empty borders as wide as half their kernels, and
+    twice as wide around what rows spread.
     ``lit`` tells for each which of its cells, of ``CELL`` x ``CELL`` pixels, may have light, bool
     (h, w); all, by default.
     """

@@ -345,7 +345,9 @@ class ViewPyramid:
     @property
     def nbytes(self) -> int:
         """Memory in bytes: the columns of all levels, each on the host and on the device."""
-        views = [self.finest, *(view for of in self._coarser.values() for view in of.values())]
+        # Another thread may be forming a picture meanwhile.
+        coarser = [view for of in list(self._coarser.values()) for view in list(of.values())]
+        views = [self.finest, *coarser]
         kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
         of_samples = sum(of.nbytes for of in (self.density, self.moments) if of is not None)
         return 2 * (self.finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples

@@ -30,7 +30,7 @@ STEPS = 24
 """Bisections by which the number of samples is met."""
 
 ENOUGH_PIXELS = 1 << 16
-"""So many pixels, of some rows, tell how many samples all of them get."""
+"""So many pixels, from all over the picture, tell how many samples all of them get."""
 
 R2 = (0.7548776662466927, 0.5698402909980532)
 """Steps across and down of a sequence that fills the unit square evenly: the powers of the inverse
@@ -86,18 +86,22 @@ def further_sets(score: np.ndarray, share: float) -> np.ndarray:
         return np.zeros(score.shape, np.int64)
     # What is wanted between two numbers of sets is one of them, by a threshold without a pattern.
     row, column = np.indices(score.shape)
-    threshold = (row * R2[0] + column * R2[1]) % 1
+    threshold = ((row * R2[0] + column * R2[1]) % 1).ravel()
+    wanted = wanted.ravel()
 
-    def sets(scale: float, rows: slice) -> np.ndarray:
-        more = np.clip(scale * wanted[rows] - 1, 0, MOST_SETS)
+    def sets(scale: float, some: slice) -> np.ndarray:
+        more = np.clip(scale * wanted[some] - 1, 0, MOST_SETS)
         below = np.where(more < 1, 0, 2 ** np.floor(np.log2(np.maximum(more, 1))))
         part = (more - below) / np.maximum(below, 1)
-        return np.where(part > threshold[rows], np.maximum(2 * below, 1), below).astype(np.int64)
+        return np.where(part > threshold[some], np.maximum(2 * below, 1), below).astype(np.int64)
 
     # Numbers whose ratio is halved as a sum is.
     low, high = 1 / wanted.max(), (1 + MOST_SETS) / least
-    some = slice(None, None, -(-score.size // ENOUGH_PIXELS))
+    step = -(-score.size // ENOUGH_PIXELS)
+    while math.gcd(step, score.shape[1]) > 1:  # Else some columns alone would tell.
+        step += 1
+    some = slice(None, None, step)
     for _ in range(STEPS):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if sets(middle, some).mean() <= share else (low, middle)
-    return sets(low, slice(None))
+    return sets(low, slice(None)).reshape(score.shape)

@@ -45,6 +45,17 @@ def test_a_file_says_what_lens_and_filters_each_frame_has(tmp_path):
     assert animation.filters_at(4) == (pm.Fade(0.5, (1, 0.5, 0)),)
 
 
+def test_focus_distances_of_a_telecentric_lens_change_evenly_and_may_be_negative():
+    animation = pm.Animation.from_dict({"frames": 3, "lens": {"focus_distance": [[0, 2], [2, 10]]}})
+    lens = pm.TelecentricLens(5, 2)
+    assert animation.lens_at(lens, 1).focus_distance == 6
+    assert animation.lens_at(synthetic(1).lens, 1).focus_distance == pytest.approx(1 / 0.3)
+    behind = pm.Animation.from_dict({"frames": 3, "lens": {"focus_distance": [[0, -1], [2, 3]]}})
+    assert behind.lens_at(lens, 1).focus_distance == 1
+    with pytest.raises(ValueError, match="frame 0: focus_distance=-1"):
+        behind.lens_at(synthetic(1).lens, 0)
+
+
 def test_pictures_are_those_of_the_lens_of_each_frame(tmp_path):
     animation, samples = loaded(tmp_path), synthetic(500)
     pictures = dict(animation.pictures(samples, [4, 6]))
@@ -104,14 +115,21 @@ def test_wrong_frames_are_refused_before_the_first_picture(tmp_path):
         ("frames = 2\nlens = 3", "lens=3: must be a table"),
         ("frames = 2\nfilters = 3", "filters=3: must be tables"),
         ("frames = 2\n[lens]\nfocus = 3", "lens.focus: unknown, must be one of focus_distance"),
-        ("frames = 2\n[lens]\nfocus_distance = 0", "lens.focus_distance: keys.*must be > 0"),
+        ("frames = 2\n[lens]\nfocus_distance = nan", "lens.focus_distance: keys.*value=nan"),
+        ("frames = 2\n[lens]\nf_number = 0", "lens.f_number: keys.*must be > 0"),
+        ("frames = 2\n[lens]\nf_number = 1" + 400 * "0", "lens.f_number: keys.*must be finite"),
         ("frames = 2\n[lens]\naperture = 'star'", "lens.aperture: aperture='star': must be one of"),
         ("frames = 2\n[[filters]]\namount = 1", r"filters\[0\]: name=None: must be given"),
         ("frames = 2\n[[filters]]\nname = 'fad'", r"filters\[0\]: filter='fad': must be one of"),
-        ("frames = 2\n[[filters]]\nname = 'fade'", r"frame 0: filters\[0\]: .*amount"),
+        ("frames = 2\n[[filters]]\nname = 'fade'", r"frame 0: filters\[0\]: .*needs amount"),
+        ("frames = 2\n[[filters]]\nname = 'fade'\namout = 1", r"amout: not a parameter of .*fade"),
         (
             "frames = 3\n[[filters]]\nname = 'fade'\namount = [[0, 0], [1, 2]]",
             r"frame 1: filters\[0\]: amount=2",
+        ),
+        (
+            "frames = 90\n[[filters]]\nname = 'fade'\namount = [[0, 0], [40, 2], [50, 0]]",
+            r"frame 40: filters\[0\]: amount=2",
         ),
     ],
 )
@@ -131,6 +149,8 @@ def test_an_animation_has_frames():
     with pytest.raises(ValueError, match="frames=range"):
         pm.Animation(range(0))
     assert dataclasses.replace(pm.Animation(range(2)), frames=range(5)).frames.stop == 5
+    with pytest.raises(ValueError, match=r"lens\.speed: unknown, must be one of focus_dist"):
+        pm.Animation(range(2), {"speed": pm.Track.of(2)})
 
 
 # ---------------------------------------------------------------- cameras
@@ -239,11 +259,35 @@ def test_wrong_choices_of_frames_are_named(frames, shard, message):
 
 
 @pytest.mark.parametrize(
-    "pattern", ["a.exr", "a_{}_{}.exr", "a_{name}.exr", "a_{0}.exr", "a_{.exr", "a_{:q}.exr"]
+    "pattern",
+    [
+        *(
+            "a.exr",
+            "a_{}_{}.exr",
+            "a_{name}.exr",
+            "a_{0}.exr",
+            "a_{.exr",
+            "a_{:q}.exr",
+            "a_{:c}.exr",
+        ),
+        *("a_{:{w}d}.exr", "a_{:.0e}.exr", "a_{:099999999d}.exr", "a_{{}}.exr", "a_{}}.exr"),
+    ],
 )
 def test_names_of_frames_have_one_place_for_their_number(tmp_path, pattern):
     with pytest.raises(ValueError, match=r"output='.*a.*exr': must have"):
         FrameFiles([str(tmp_path / pattern)])
+
+
+def test_folders_and_sources_are_looked_at_for_all_frames_that_are_asked_for(tmp_path):
+    files = FrameFiles([str(tmp_path / "d_{}" / "f.exr")])
+    (tmp_path / "d_3").mkdir()
+    files.check([3], [])
+    with pytest.raises(FileNotFoundError, match=r"there is no folder .*d_4"):
+        files.check([3, 4], [])
+    with pytest.raises(ValueError, match=r"d_3/f.exr: a frame must not take its place"):
+        files.check([3], [str(tmp_path / "d_3" / ".." / "d_3" / "f.exr")])
+    with pytest.raises(ValueError, match=r"a_3.gif: the name must end in"):
+        FrameFiles([str(tmp_path / "a_{}.gif")]).check([3], [])
 
 
 def test_what_a_program_that_was_killed_left_goes_with_the_frame(tmp_path):

@@ -121,7 +121,7 @@ def test_shards_and_ranges_make_what_one_run_makes(tmp_path, pull, kept):
     assert list(frames_in(tmp_path / "range")) == ["f_01.exr", "f_02.exr"]
 
 
-@pytest.mark.filterwarnings("always:.*older than")
+@pytest.mark.filterwarnings("always:.*are older than")
 def test_frames_older_than_what_they_were_made_of_are_told_and_made_anew_if_asked(
     tmp_path, pull, kept, capsys
 ):
@@ -135,7 +135,8 @@ def test_frames_older_than_what_they_were_made_of_are_told_and_made_anew_if_aske
     capsys.readouterr()
     assert animate(folder, kept, pull, "--frames", "0-2") == 0
     told = capsys.readouterr().err
-    assert "f_00.exr and 2 more frames are older than" in told
+    assert "3 files of frames, such as" in told
+    assert "f_00.exr, are older than" in told
     assert "--overwrite makes them anew" in told
     assert_same(frames_in(folder), first)
     assert animate(folder, kept, pull, "--overwrite") == 0
@@ -161,6 +162,45 @@ def test_what_does_not_fit_is_named_before_the_first_frame(
     assert animate(tmp_path / "frames", kept, pull, *more) == 1
     assert message in capsys.readouterr().err
     assert not list((tmp_path / "frames").iterdir())
+
+
+def test_frames_do_not_take_the_place_of_samples(tmp_path, pull, kept, capsys):
+    samples = tmp_path / "f_01.exr"
+    pm.PointSamples.load(kept).save(samples)
+    before = samples.read_bytes()
+    assert animate(tmp_path, str(samples), pull, "--overwrite") == 1
+    assert "f_01.exr: a frame must not take its place" in capsys.readouterr().err
+    assert animate(tmp_path, FIGURE, pull, *SMALL, "--samples", str(samples)) == 1
+    assert "f_01.exr: a frame must not take its place" in capsys.readouterr().err
+    assert samples.read_bytes() == before
+
+
+@pytest.mark.filterwarnings("always:samples=")
+def test_samples_that_are_not_taken_are_told(tmp_path, pull, kept, capsys):
+    assert animate(tmp_path / "frames", kept, pull) == 0
+    samples = tmp_path / "more.samples"
+    assert animate(tmp_path / "frames", FIGURE, pull, *SMALL, "--samples", str(samples)) == 0
+    assert "more.samples: are not taken, for all frames are there" in capsys.readouterr().err
+    assert not samples.exists()
+
+
+def test_a_scene_without_a_lens_has_that_of_the_animation(tmp_path, capsys):
+    scene, pull = tmp_path / "ball.xml", tmp_path / "pull.toml"
+    pinhole = BALL.replace("thinlens", "perspective").replace(
+        '<float name="aperture_radius" value="0.1"/>', ""
+    )
+    scene.write_text(pinhole, encoding="utf-8")
+    pull.write_text("frames = 1\n[lens]\nfocus_distance = 5", encoding="utf-8")
+    assert animate(tmp_path / "frames", str(scene), str(pull), "-D", "x=0") == 1
+    assert "has no lens; describe one with --f-number" in capsys.readouterr().err
+    pull.write_text("frames = 1\n[lens]\nfocus_distance = 3\nf_number = 0.2", encoding="utf-8")
+    options = ["-D", "x=0", "--refine", "0"]
+    assert animate(tmp_path / "frames", str(scene), str(pull), *options) == 0
+    blurred = frames_in(tmp_path / "frames")["f_00.exr"]
+    options += ["--f-number", "5", "--overwrite"]
+    assert animate(tmp_path / "frames", str(scene), str(pull), *options) == 0
+    again = frames_in(tmp_path / "frames")["f_00.exr"]
+    np.testing.assert_allclose(again, blurred, atol=1e-3)
 
 
 def test_files_that_are_not_there_are_named(tmp_path, pull, kept, capsys):

@@ -430,3 +430,18 @@ def test_the_program_lists_its_commands_and_tells_its_version(capsys):
             cli.main(arguments)
         assert caught.value.code == 0
         assert text in capsys.readouterr().out
+
+
+def test_a_picture_is_an_aperture_without_a_variant_too(tmp_path):
+    picture, samples = tmp_path / "heart.png", tmp_path / "a.samples"
+    write_picture(np.ones((8, 8, 3)), picture)
+    arguments = ["render", FIGURE, *SMALL, "-o", str(tmp_path / "a.exr"), "--samples", str(samples)]
+    assert cli.main(arguments) == 0
+    command = ["focus", str(samples), "--aperture", f"image:filename={picture}", "-o"]
+    outputs = [str(tmp_path / name) for name in ("b.exr", "c.exr")]
+    program = f"from potmesil_mi.cli import main; raise SystemExit(main({[*command, outputs[0]]}))"
+    process = [sys.executable, "-c", program]
+    run = subprocess.run(process, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert cli.main([*command, outputs[1]]) == 0
+    np.testing.assert_allclose(*map(read, outputs), rtol=1e-4, atol=1e-5)

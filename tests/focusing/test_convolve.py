@@ -5,6 +5,7 @@ import pytest
 import scipy.ndimage
 
 from potmesil_mi.focusing.convolve import CELL, TILE, spread
+from potmesil_mi.focusing.slices import MOVED_REACH
 
 RNG = np.random.default_rng(0)
 BORDER = 6
@@ -64,6 +65,10 @@ def cells(light):
     rows, columns = np.nonzero(light.any(axis=-1))
     result[rows // CELL, columns // CELL] = True
     return result
+
+
+def test_cells_beside_those_that_are_lit_cover_what_is_moved():
+    assert MOVED_REACH <= CELL
 
 
 def test_spreading_is_linear_and_its_adjoint_spreads_by_the_mirrored_kernel():
