@@ -2,7 +2,7 @@
 
 from . import evaluation
 from ._progress import progress
-from .animation.animation import Animation
+from .animation.animation import AnimatedFilter, Animation
 from .animation.camera_move import CameraMove
 from .animation.shape_move import ShapeMove
 from .animation.track import Key, Track, VectorTrack
@@ -30,6 +30,7 @@ from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
 
 __all__ = [
+    "AnimatedFilter",
     "Animation",
     "Aperture",
     "Camera",

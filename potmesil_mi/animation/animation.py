@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,8 +30,6 @@ from .track import Scale, Track, is_list_of_keys, named
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
-
-Lens = ThinLens | TelecentricLens
 
 LENS_TRACKS: dict[str, Scale] = {
     "focus_distance": "reciprocal",
@@ -58,7 +56,15 @@ MOST_FRAMES = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class AnimatedFilter:
-    """A filter whose ``parameters`` may be tracks."""
+    """A filter whose parameters change from frame to frame.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``name``                      of the filter, such as ``fade``
+    ``parameters``                by their names, values or a :class:`Track` each
+    ============================  ==========================================================
+    """
 
     name: str
     parameters: Mapping[str, Any]
@@ -97,7 +103,7 @@ class Animation:
 
     frames: range
     lens: Mapping[str, Track | Aperture] = dataclasses.field(default_factory=dict)
-    filters: tuple[AnimatedFilter, ...] = ()
+    filters: Sequence[AnimatedFilter] = ()
     fps: float = 24.0
     camera: CameraMove | None = None
     shapes: Mapping[str, ShapeMove] = dataclasses.field(default_factory=dict)
@@ -173,7 +179,7 @@ class Animation:
 
     # ------------------------------------------------------------ by frames
 
-    def lens_at(self, lens: Lens, frame: float) -> Lens:
+    def lens_at(self, lens: ThinLens | TelecentricLens, frame: float) -> ThinLens | TelecentricLens:
         """What becomes of a ``lens`` at a frame.
 
         Raises ``ValueError`` or ``TypeError`` that names the frame and the parameter.
@@ -232,7 +238,7 @@ class Animation:
                 transforms[name] = move.at(frame, centres[name])
         return transforms
 
-    def lenses(self, lens: Lens) -> list[Lens]:
+    def lenses(self, lens: ThinLens | TelecentricLens) -> list[ThinLens | TelecentricLens]:
         """What becomes of a ``lens`` at each of the frames."""
         return [self.lens_at(lens, frame) for frame in self.frames]
 
@@ -241,7 +247,7 @@ class Animation:
         session: FocusSession | PointSamples,
         frames: Iterable[int] | None = None,
         *,
-        lens: Lens | None = None,
+        lens: ThinLens | TelecentricLens | None = None,
         filters: Iterable[FilterFunction] = (),
         rfilter: ReconstructionFilter | None = None,
         alpha: bool = False,
@@ -280,7 +286,7 @@ class Animation:
         self,
         session: FocusSession,
         frames: list[int],
-        lenses: list[Lens],
+        lenses: list[ThinLens | TelecentricLens],
         filters: tuple[FilterFunction, ...],
         rfilter: ReconstructionFilter | None,
         alpha: bool,

@@ -26,8 +26,10 @@ from .options import (
 from .taking import Opened
 
 if TYPE_CHECKING:
-    from ..animation.animation import Animation, Lens
+    from ..animation.animation import Animation
     from ..animation.frames import FrameFiles
+    from ..optics.lens import ThinLens
+    from ..optics.telecentric import TelecentricLens
     from ..tracing.sampling import Sampling
 
 ANIMATE_EXAMPLES = """
@@ -235,7 +237,11 @@ def _of_file(
         files.write(frame, picture)
 
 
-def _sampling_for(lens: Lens, lenses: Iterable[Lens], sampling: Sampling) -> Sampling:
+def _sampling_for(
+    lens: ThinLens | TelecentricLens,
+    lenses: Iterable[ThinLens | TelecentricLens],
+    sampling: Sampling,
+) -> Sampling:
     """What to sample by a ``lens`` so that all ``lenses`` are served.
 
     What ``sampling`` says of it stays.
