@@ -157,3 +157,12 @@ def test_another_variant_refines_too():
     sampling = pm.Sampling(refine=1.0, overscan=0)
     samples = pm.render_samples(still_life(PATH, spp=4), sampling=sampling)
     assert counts(samples).max() > 8
+
+
+@pytest.mark.parametrize("period", [2, 8, 9, 32])
+@pytest.mark.parametrize("down", [True, False])
+def test_large_pictures_with_a_period_get_the_share_that_was_asked_for(period, down):
+    """Some pixels tell for all: they must not all be of one phase."""
+    row, column = np.indices((512, 1024))
+    score = np.where((row if down else column) % period == 0, 1e-4, 1.0)
+    assert further_sets(score, 0.25).mean() == pytest.approx(0.25, rel=0.05)
