@@ -19,15 +19,21 @@ JPEG_QUALITY = 90
 """Quality of JPEG files, 1 to 100."""
 
 
+def require_suffix(path: Path, suffixes: Iterable[str]) -> Path:
+    """The path, if its name ends in one of ``suffixes``; raises ``ValueError`` where not."""
+    suffixes = tuple(suffixes)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: the name must end in one of {', '.join(suffixes)}")
+    return path
+
+
 def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> Path:
     """The path, if a file of one of ``suffixes`` can be written there.
 
     Raises ``ValueError`` for another suffix, ``FileNotFoundError``, ``IsADirectoryError`` or
     ``PermissionError`` for a place where no file can be made.
     """
-    path, suffixes = Path(path), tuple(suffixes)
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: the name must end in one of {', '.join(suffixes)}")
+    path = require_suffix(Path(path), suffixes)
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, not a file")
     if not path.parent.is_dir():

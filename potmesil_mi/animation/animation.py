@@ -26,7 +26,7 @@ from ..optics.telecentric import TelecentricLens
 from ..samples.point_samples import PointSamples
 from .camera_move import CameraMove
 from .shape_move import ShapeMove
-from .track import Scale, Track, is_list_of_keys, named
+from .track import Scale, Track, is_list_of_keys, named, values_at
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -71,11 +71,7 @@ class AnimatedFilter:
 
     def at(self, frame: float) -> Filter:
         """The filter of a frame. Raises what the filter raises."""
-        values = {
-            name: value.at(frame) if isinstance(value, Track) else value
-            for name, value in self.parameters.items()
-        }
-        return Filter.member(self.name).of_parameters(values)
+        return Filter.member(self.name).of_parameters(values_at(self.parameters, frame))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,25 +180,17 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names the frame and the parameter.
         """
-        changes: dict[str, Any] = {}
+        tracks, distance = dict(self.lens), self.lens.get(FOCUS_DISTANCE)
         with named(f"frame {frame:g}"):
-            for name, value in self.lens.items():
-                if not isinstance(value, Track):
-                    changes[name] = value
-                elif name == FOCUS_DISTANCE and isinstance(lens, TelecentricLens):
-                    # Its circles change evenly with the depth itself.
-                    changes[name] = dataclasses.replace(value, scale="linear").at(frame)
-                else:
-                    changes[name] = value.at(frame)
+            if isinstance(lens, TelecentricLens) and isinstance(distance, Track):
+                # Its circles change evenly with the depth itself.
+                tracks[FOCUS_DISTANCE] = dataclasses.replace(distance, scale="linear")
+            changes: dict[str, Any] = values_at(tracks, frame)
             return lens.replace(**changes) if changes else lens
 
     def first_lens(self) -> dict[str, Any]:
         """The parameters of the lens at the first frame."""
-        first = self.frames.start
-        return {
-            name: value.at(first) if isinstance(value, Track) else value
-            for name, value in self.lens.items()
-        }
+        return values_at(self.lens, self.frames.start)
 
     def filters_at(self, frame: float) -> tuple[Filter, ...]:
         """The filters of a frame. Raises what :meth:`lens_at` raises."""
@@ -220,9 +208,14 @@ class Animation:
             return self.camera.at(camera, frame)
 
     @property
-    def moves(self) -> bool:
-        """Whether the camera or a shape moves, so that each frame needs samples of its own."""
-        return self.camera is not None or len(self.shapes) > 0
+    def moves(self) -> str:
+        """What moves, ``camera`` or ``shapes``, so that each frame needs samples of its own.
+
+        An empty text where neither does.
+        """
+        if self.camera is not None:
+            return "camera"
+        return "shapes" if self.shapes else ""
 
     def transforms_at(
         self, centres: Mapping[str, np.ndarray], frame: float
@@ -268,10 +261,9 @@ class Animation:
         something :attr:`moves`, and what :meth:`lens_at` and ``focus`` raise.
         """
         if self.moves:
-            what = "shapes" if self.camera is None else "camera"
             raise ValueError(
-                f"{what}: moves, so that each frame needs samples of its own; `potmesil animate "
-                "SCENE.xml` takes them"
+                f"{self.moves}: moves, so that each frame needs samples of its own; `potmesil "
+                "animate SCENE.xml` takes them"
             )
         if not isinstance(session, FocusSession):
             session = FocusSession(session)

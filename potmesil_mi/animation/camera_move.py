@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 
 from ..optics.camera import Camera, angles_of, look_at, orientation
-from .track import Track, VectorTrack, named
+from .track import Track, VectorTrack, tracks_of
 
-VECTORS = ("origin", "target", "up")
 ANGLES = ("pan", "tilt", "swing")
+
+KINDS: dict[str, type[Track] | type[VectorTrack]] = {
+    **dict.fromkeys(("origin", "target", "up"), VectorTrack),
+    **dict.fromkeys(ANGLES, Track),
+}
+"""What each field is a track of."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,16 +55,7 @@ class CameraMove:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CameraMove:
         """The move of a TOML table. Raises ``ValueError`` or ``TypeError`` that names a field."""
-        fields: dict[str, Any] = {}
-        for name, value in values.items():
-            with named(name):
-                if name in VECTORS:
-                    fields[name] = VectorTrack.of(value)
-                elif name in ANGLES:
-                    fields[name] = Track.of(value)
-                else:
-                    raise ValueError(f"unknown, must be one of {', '.join((*VECTORS, *ANGLES))}")
-        return cls(**fields)
+        return cls(**tracks_of(values, KINDS))
 
     def at(self, camera: Camera, frame: float) -> Camera:
         """A ``camera`` where it stands at a frame; its scale, if it has one, stays.

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .._image import PICTURES, remove_leftovers, require_writable, write_picture
+from .._image import PICTURES, remove_leftovers, require_suffix, require_writable, write_picture
 
 RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 SHARD = re.compile(r"(\d+)/(\d+)")
@@ -76,8 +76,7 @@ class FrameFiles:
         for path in folders.values():
             require_writable(path, PICTURES)
         for path in self.of(0):  # where there are no frames to write
-            if path.suffix.lower() not in PICTURES:
-                require_writable(path, PICTURES)
+            require_suffix(path, PICTURES)
 
     def of(self, frame: int) -> list[Path]:
         """The files of a frame."""

@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from .track import Track, VectorTrack, named
+from .track import Track, VectorTrack, tracks_of
+
+KINDS: dict[str, type[Track] | type[VectorTrack]] = {
+    "translate": VectorTrack,
+    "angle": Track,
+    "axis": VectorTrack,
+    "scale": Track,
+    "pivot": VectorTrack,
+}
+"""What each field is a track of."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,14 +55,7 @@ class ShapeMove:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ShapeMove:
         """The move of a TOML table. Raises ``ValueError`` or ``TypeError`` that names a field."""
-        known = [field.name for field in dataclasses.fields(cls)]
-        fields: dict[str, Any] = {}
-        for name, value in values.items():
-            with named(name):
-                if name not in known:
-                    raise ValueError(f"unknown, must be one of {', '.join(known)}")
-                fields[name] = (Track if name in ("angle", "scale") else VectorTrack).of(value)
-        return cls(**fields)
+        return cls(**tracks_of(values, KINDS))
 
     def at(self, frame: float, centre: np.ndarray) -> np.ndarray:
         """The matrix (4, 4) that moves the world's points of a shape with that ``centre``, (3,).

@@ -6,7 +6,7 @@ import bisect
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -160,6 +160,30 @@ class VectorTrack:
     def at(self, frame: float) -> np.ndarray:
         """The point or direction at a frame, float64 (3,)."""
         return np.array([track.at(frame) for track in (self.x, self.y, self.z)])
+
+
+def values_at(values: Mapping[str, Any], frame: float) -> dict[str, Any]:
+    """Values by their names at a frame: those of tracks, and others as they are."""
+    return {
+        name: value.at(frame) if isinstance(value, Track) else value
+        for name, value in values.items()
+    }
+
+
+def tracks_of(
+    values: Mapping[str, Any], kinds: Mapping[str, type[Track] | type[VectorTrack]]
+) -> dict[str, Any]:
+    """The tracks of a TOML table by their names, of which ``kinds`` has those that there are.
+
+    Raises ``ValueError`` or ``TypeError`` that names what is unknown or wrong.
+    """
+    tracks: dict[str, Any] = {}
+    for name, value in values.items():
+        with named(name):
+            if name not in kinds:
+                raise ValueError(f"unknown, must be one of {', '.join(kinds)}")
+            tracks[name] = kinds[name].of(value)
+    return tracks
 
 
 @contextlib.contextmanager

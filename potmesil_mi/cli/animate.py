@@ -222,9 +222,9 @@ def _of_file(
                 f"{name}={value}: is for a scene, and {options.scene} has its samples already"
             )
     if animation.moves:
-        what = "shapes" if animation.camera is None else "camera"
         raise ValueError(
-            f"{what}: moves, which asks for a scene, and {options.scene} has its samples already"
+            f"{animation.moves}: moves, which asks for a scene, and {options.scene} has its "
+            "samples already"
         )
     method = given_method(options)
     if options.variant is not None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
+from .._threads import processors
 from .._validation import require_number, require_whole
 from ..optics.lens import ThinLens
 from .base import Filter
@@ -153,7 +153,7 @@ def far_field(transmission: Callable[[int], np.ndarray], reach: float) -> tuple[
     if not (np.isfinite(pupil).all() and pupil.any()):
         raise ValueError("aperture: must be finite, and let light through somewhere")
     last = 2 * JOIN
-    half = scipy.fft.rfft2(pupil, (GRID, GRID), workers=os.cpu_count())[:, : last + 1]
+    half = scipy.fft.rfft2(pupil, (GRID, GRID), workers=processors())[:, : last + 1]
     half = half[np.arange(-last, last + 1)]
     right = half.real**2 + half.imag**2
     # Elements are means over squares, whose transform is divided out.

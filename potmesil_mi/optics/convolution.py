@@ -5,12 +5,13 @@ Kernels have odd sizes, and their middle is the pixel's own. Each function is li
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
 import scipy.fft
 from numpy.typing import DTypeLike
+
+from .._threads import processors
 
 
 def fast_size(size: int) -> int:
@@ -38,7 +39,7 @@ def kernel_spectrum(
     height, width = frame
     across = np.zeros((rows, width), dtype=dtype)
     across[:, :columns] = kernel
-    with scipy.fft.set_workers(os.cpu_count() or 1):
+    with scipy.fft.set_workers(processors()):
         across = scipy.fft.rfft(np.roll(across, -(columns // 2), axis=1))
         spectrum = np.zeros((height, across.shape[1]), dtype=across.dtype)
         spectrum[: rows - rows // 2] = across[rows // 2 :]
@@ -54,7 +55,7 @@ def convolve_by_spectrum(
     What leaves the frame on one side comes in on the other, see :func:`padded_shape`.
     """
     height, width = image.shape
-    with scipy.fft.set_workers(os.cpu_count() or 1):
+    with scipy.fft.set_workers(processors()):
         light = scipy.fft.rfft2(image, frame) * spectrum
         return scipy.fft.irfft2(light, frame)[:height, :width]
 
@@ -63,7 +64,7 @@ def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
     """The whole convolution of two float64 arrays (H, W) and (K, L): (H + K - 1, W + L - 1)."""
     shape = [a + b - 1 for a, b in zip(image.shape, kernel.shape, strict=True)]
     padded = [fast_size(size) for size in shape]
-    with scipy.fft.set_workers(os.cpu_count() or 1):
+    with scipy.fft.set_workers(processors()):
         spectrum = scipy.fft.rfftn(image, padded) * scipy.fft.rfftn(kernel, padded)
         return scipy.fft.irfftn(spectrum, padded)[: shape[0], : shape[1]]
 

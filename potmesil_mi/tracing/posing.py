@@ -19,8 +19,8 @@ class PosedShapes:
     """
 
     def __init__(self, scene: mi.Scene, names: Iterable[str]) -> None:
-        shapes = scene.shapes()
-        known = [shape.id() for shape in shapes if shape.id()]
+        shapes = [shape for shape in scene.shapes() if shape.id()]
+        known = [shape.id() for shape in shapes]
         self._parameters = mi.traverse(scene)
         self._own: dict[str, dict[str, Any]] = {}
         self._centres: dict[str, np.ndarray] = {}
@@ -30,16 +30,15 @@ class PosedShapes:
                     f"shapes.{name}: must be the id of one shape of the scene, which has "
                     f"{', '.join(sorted(set(known))) or 'none with an id'}"
                 )
+            shape = shapes[known.index(name)]
             keys = [f"{name}.{key}" for key in ("to_world", "vertex_positions", "vertex_normals")]
             there = [key for key in keys if key in self._parameters]
             if not set(there) & set(keys[:2]):
                 raise ValueError(
-                    f"shapes.{name}: is a {shapes[known.index(name)].class_name()}, which Mitsuba "
-                    "lets nobody move"
+                    f"shapes.{name}: is a {shape.class_name()}, which Mitsuba lets nobody move"
                 )
             self._own[name] = {key: _copy(self._parameters[key]) for key in there}
-            box = next(shape for shape in shapes if shape.id() == name).bbox()
-            self._centres[name] = np.array(box.center(), dtype=np.float64).ravel()
+            self._centres[name] = np.array(shape.bbox().center(), dtype=np.float64).ravel()
 
     def centre(self, name: str) -> np.ndarray:
         """The middle of the bounding box of a shape where the scene has it, (3,)."""

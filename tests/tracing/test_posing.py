@@ -87,6 +87,10 @@ def test_shapes_that_cannot_be_moved_are_named(tmp_path):
         PosedShapes(scene(), ["inner"])
     points = tmp_path / "hair.txt"
     points.write_text("0 0 0 .1\n1 0 0 .1\n1 1 0 .1")
-    hair = {"type": "linearcurve", "filename": str(points)}
+    curve = (
+        f'<shape type="linearcurve" id="hair"><string name="filename" value="{points}"/></shape>'
+    )
+    unnamed = '<shape type="sphere"/><shape type="disk" id="coin"/>'
+    hair = mi.load_string(f'<scene version="3.0.0">{unnamed}{curve}</scene>', optimize=False)
     with pytest.raises(ValueError, match=r"shapes.hair: is a LinearCurve, which Mitsuba lets"):
-        PosedShapes(mi.load_dict({"type": "scene", "hair": hair}), ["hair"])
+        PosedShapes(hair, ["hair"])
