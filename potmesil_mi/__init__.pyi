@@ -3,9 +3,6 @@
 from . import evaluation
 from ._progress import progress
 from .animation.animation import AnimatedFilter, Animation
-from .animation.camera_move import CameraMove
-from .animation.shape_move import ShapeMove
-from .animation.track import Key, Track, VectorTrack
 from .filters.base import Filter, apply_filters, parse_filter
 from .filters.defocus import Defocus
 from .filters.diffraction import Diffraction
@@ -14,6 +11,11 @@ from .filters.star import Star
 from .focusing.api import focus
 from .focusing.methods import Equation20, Layered, LightField, Method
 from .focusing.session import FocusSession
+from .motion.camera_move import CameraMove
+from .motion.motion import Motion
+from .motion.shape_move import ShapeMove
+from .motion.shutter import Shutter
+from .motion.track import Key, Track, VectorTrack
 from .optics.aperture import Aperture, aperture_of
 from .optics.camera import Camera
 from .optics.disc import Disc
@@ -49,11 +51,13 @@ __all__ = [
     "LightField",
     "Lommel",
     "Method",
+    "Motion",
     "PointSamples",
     "PointSpreadFunction",
     "Polygon",
     "Sampling",
     "ShapeMove",
+    "Shutter",
     "Star",
     "TelecentricLens",
     "ThinLens",

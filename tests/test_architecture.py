@@ -17,6 +17,7 @@ FLOORS = {
     "optics": 1,
     "samples": 2,
     "filters": 3,
+    "motion": 3,
     "tracing": 4,
     "focusing": 4,
     "animation": 5,
@@ -27,7 +28,7 @@ FLOORS = {
 }
 """Wings and the floor that each stands on: imports go to the same wing or to a lower floor."""
 
-WITHOUT_MITSUBA = ("optics", "samples", "filters", "focusing", "animation")
+WITHOUT_MITSUBA = ("optics", "samples", "filters", "focusing", "motion", "animation")
 
 LONGEST_FILE = 450
 LONGEST_FUNCTION = 60

@@ -8,25 +8,24 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from .. import _backend as jit
 from .._progress import ProgressCallback, progress, reported
 from .._validation import require_number, require_whole
 from ..filters.base import Filter, FilterFunction
 from ..focusing.session import FocusSession
+from ..motion.camera_move import CameraMove
+from ..motion.motion import MOTION_TABLES, Motion, Moves, moves_of
+from ..motion.shape_move import ShapeMove
+from ..motion.shutter import Shutter
+from ..motion.toml import read_toml, require_tables, table_of
+from ..motion.track import Scale, Track, is_list_of_keys, named, values_at
 from ..optics.aperture import Aperture
-from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from ..samples.point_samples import PointSamples
-from .camera_move import CameraMove
-from .shape_move import ShapeMove
-from .track import Scale, Track, is_list_of_keys, named, values_at
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -75,7 +74,7 @@ class AnimatedFilter:
 
 
 @dataclasses.dataclass(frozen=True)
-class Animation:
+class Animation(Moves):
     """How the lens and the filters change from frame to frame.
 
     ============================  ==========================================================
@@ -92,6 +91,8 @@ class Animation:
     ``camera``                    how the camera moves, a :class:`CameraMove`; ``None``: it
                                   stands still
     ``shapes``                    how shapes move, by their ids: a :class:`ShapeMove` each
+    ``shutter``                   a :class:`Shutter`, during which what moves is blurred;
+                                  ``None``: that of the sensor, which is usually closed at once
     ============================  ==========================================================
 
     Where camera or shapes move, each frame needs samples of its own.
@@ -103,6 +104,7 @@ class Animation:
     fps: float = 24.0
     camera: CameraMove | None = None
     shapes: Mapping[str, ShapeMove] = dataclasses.field(default_factory=dict)
+    shutter: Shutter | None = None
 
     def __post_init__(self) -> None:
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
@@ -122,19 +124,7 @@ class Animation:
         Raises ``OSError`` where it cannot be read, and ``ValueError`` or ``TypeError`` that names
         the file and what in it is wrong.
         """
-        if sys.version_info >= (3, 11):
-            import tomllib
-        else:
-            import tomli as tomllib
-
-        name = os.fspath(path)
-        with open(path, "rb") as file:
-            try:
-                values = tomllib.load(file)
-            except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-                raise ValueError(f"{name}: is not TOML: {error}") from error
-        with named(name):
-            return cls.from_dict(values)
+        return read_toml(path, cls.from_dict)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Animation:
@@ -142,25 +132,18 @@ class Animation:
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
         """
-        known = ("frames", "fps", "lens", "filters", "camera", "shapes")
-        for name in values:
-            if name not in known:
-                raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
+        require_tables(values, ("frames", "fps", "lens", "filters", *MOTION_TABLES))
         if "frames" not in values:
             raise ValueError("frames: must be given, a number of frames or [first, last]")
-        lens, filters = values.get("lens", {}), values.get("filters", [])
-        for name in ("lens", "camera", "shapes"):
-            if not isinstance(values.get(name, {}), Mapping):
-                raise TypeError(f"{name}={values[name]!r}: must be a table")
+        filters = values.get("filters", [])
         if not isinstance(filters, list) or not all(isinstance(one, Mapping) for one in filters):
             raise TypeError(f"filters={filters!r}: must be tables, [[filters]]")
         animation = cls(
             _frames(values["frames"]),
-            {name: _of_lens(name, value) for name, value in lens.items()},
+            {name: _of_lens(name, value) for name, value in table_of(values, "lens").items()},
             tuple(_filter(f"filters[{i}]", one) for i, one in enumerate(filters)),
             values.get("fps", cls.fps),
-            _camera(values["camera"]) if "camera" in values else None,
-            {name: _shape(name, value) for name, value in values.get("shapes", {}).items()},
+            **moves_of(values),
         )
         for frame in animation._ends():
             animation.filters_at(frame)
@@ -200,12 +183,9 @@ class Animation:
                 filters.append(one.at(frame))
         return tuple(filters)
 
-    def camera_at(self, camera: Camera, frame: float) -> Camera:
-        """Where a ``camera`` stands at a frame. Raises ``ValueError`` that names the frame."""
-        if self.camera is None:
-            return camera
-        with named(f"frame {frame:g}: camera"):
-            return self.camera.at(camera, frame)
+    def motion_at(self, frame: float) -> Motion:
+        """What moves while the picture of a frame is exposed."""
+        return Motion(self.camera, self.shapes, self.shutter, frame)
 
     @property
     def moves(self) -> str:
@@ -216,20 +196,6 @@ class Animation:
         if self.camera is not None:
             return "camera"
         return "shapes" if self.shapes else ""
-
-    def transforms_at(
-        self, centres: Mapping[str, np.ndarray], frame: float
-    ) -> dict[str, np.ndarray]:
-        """The matrices (4, 4) of the world that move shapes, by their ids, at a frame.
-
-        ``centres``, (3,) each, are the middles of their bounding boxes. Raises ``ValueError`` that
-        names the frame and the shape.
-        """
-        transforms = {}
-        for name, move in self.shapes.items():
-            with named(f"frame {frame:g}: shapes.{name}"):
-                transforms[name] = move.at(frame, centres[name])
-        return transforms
 
     def lenses(self, lens: ThinLens | TelecentricLens) -> list[ThinLens | TelecentricLens]:
         """What becomes of a ``lens`` at each of the frames."""
@@ -337,18 +303,6 @@ def _of_lens(name: str, value: Any) -> Track | Aperture:
                 return Track.of(value, LENS_TRACKS[name])
             return Track.of(value)
         return Track.of(value, LENS_TRACKS.get(name, "linear"))
-
-
-def _camera(values: Mapping[str, Any]) -> CameraMove:
-    with named("camera"):
-        return CameraMove.from_dict(values)
-
-
-def _shape(name: str, values: Any) -> ShapeMove:
-    with named(f"shapes.{name}"):
-        if not isinstance(values, Mapping):
-            raise TypeError(f"{values!r}: must be a table")
-        return ShapeMove.from_dict(values)
 
 
 def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:

@@ -174,8 +174,7 @@ def _of_moving_scene(
     from .._progress import reported
     from ..animation.animation import frame_progress
     from ..focusing.api import focus
-    from ..tracing.posing import PosedShapes
-    from ..tracing.sensor import placed
+    from ..tracing.exposing import require_motions
 
     if options.samples:
         raise ValueError(
@@ -183,21 +182,17 @@ def _of_moving_scene(
             "has its own"
         )
     opened = Opened.of(options, animation.first_lens())
-    camera, lens = opened.sensor.camera(), opened.sensor.lens()
-    shapes = PosedShapes(opened.scene, animation.shapes)
-    centres = {name: shapes.centre(name) for name in animation.shapes}
+    lens = opened.sensor.lens()
     # What is wrong in a frame is found before the first.
-    cameras = [animation.camera_at(camera, frame) for frame in frames]
     lenses = [animation.lens_at(lens, frame) for frame in frames]
-    transforms = [animation.transforms_at(centres, frame) for frame in frames]
+    motions = [animation.motion_at(frame) for frame in frames]
+    require_motions(opened.scene, opened.sensor, motions)
     with reported() as report:
         for done, frame in enumerate(frames):
-            placed(opened.sensor, cameras[done])
-            shapes.place(transforms[done])
             sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
             with frame_progress(report, frame, done, len(frames), within=False):
                 picture = focus(
-                    opened.sampled(options, sampling, options.seed + frame),
+                    opened.sampled(options, sampling, options.seed + frame, motions[done]),
                     lenses[done],
                     method=opened.method,
                     filters=animation.filters_at(frame) or opened.filters,

@@ -14,6 +14,7 @@ from .options import (
     add_filter,
     add_lens,
     add_method,
+    add_motion,
     add_output,
     add_samples,
     add_sampling,
@@ -39,6 +40,7 @@ examples:
   potmesil render scenes/figure11.xml -o figure11c.png
   potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
   potmesil render kitchen.xml --f-number 2 --focus-distance 1 -o near.png --samples kitchen.samples
+  potmesil render kitchen.xml --motion pan.toml -o pan.png
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
 perspective, which has no lens, with the one that the options describe; the field of view stays. An
@@ -54,6 +56,7 @@ def render_options(command: argparse.ArgumentParser) -> str:
     add_samples(command)
     add_denoise(command, "what the scene's integrator says")
     add_sampling(command)
+    add_motion(command)
     add_lens(command)
     add_method(command)
     add_filter(command)

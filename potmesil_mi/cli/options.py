@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
     from ..focusing.methods import Method
+    from ..motion.motion import Motion
     from ..tracing.sampling import Sampling
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
@@ -131,6 +132,14 @@ def add_sampling(command: argparse.ArgumentParser) -> None:
 
     group = command.add_argument_group("sampling", "default: what the scene's integrator says")
     _add_parameters(group, _types_of(Sampling), SAMPLING_OPTIONS)
+
+
+def add_motion(command: argparse.ArgumentParser) -> None:
+    """Add the option that tells what moves."""
+    command.add_argument(
+        "--motion", metavar="FILE.toml", help="what moves while the picture is exposed, tables "
+        "[camera], [shapes.ID] and [shutter] (default: what the scene's integrator says)"
+    )  # fmt: skip
 
 
 def add_lens(command: argparse.ArgumentParser) -> None:
@@ -275,6 +284,14 @@ def given_denoise(options: argparse.Namespace, integrator: mi.Integrator) -> boo
     if options.denoise is None:
         return bool(getattr(integrator, "denoise", False))
     return bool(options.denoise)
+
+
+def given_motion(options: argparse.Namespace, integrator: mi.Integrator) -> Motion | None:
+    """What moves: what the option says, and without it the integrator."""
+    from ..motion.motion import Motion
+
+    path = getattr(options, "motion", None)
+    return getattr(integrator, "motion", None) if path is None else Motion.load(path)
 
 
 def given_method(options: argparse.Namespace, said: Method | None = None) -> Method:

@@ -7,13 +7,20 @@ import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .options import given_denoise, given_method, given_sampling, scene_with_lens
+from .options import (
+    given_denoise,
+    given_method,
+    given_motion,
+    given_sampling,
+    scene_with_lens,
+)
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
+    from ..motion.motion import Motion
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
 
@@ -28,6 +35,7 @@ class Opened:
     denoise: bool
     method: Method
     filters: tuple[FilterFunction, ...]
+    motion: Motion | None
 
     @classmethod
     def of(cls, options: argparse.Namespace, lens: Mapping[str, Any] | None = None) -> Opened:
@@ -43,8 +51,9 @@ class Opened:
         integrator = scene.integrator()
         if isinstance(integrator, FocusSettings):
             method, filters = given_method(options, integrator.method), integrator.filters
-        sampling = given_sampling(options, integrator)
-        return cls(scene, sensor, sampling, given_denoise(options, integrator), method, filters)
+        sampling, denoise = given_sampling(options, integrator), given_denoise(options, integrator)
+        motion = given_motion(options, integrator)
+        return cls(scene, sensor, sampling, denoise, method, filters, motion)
 
     @property
     def film(self) -> mi.Film:
@@ -59,9 +68,13 @@ class Opened:
         return has_alpha(self.film)
 
     def sampled(
-        self, options: argparse.Namespace, sampling: Sampling, seed: int | None = None
+        self,
+        options: argparse.Namespace,
+        sampling: Sampling,
+        seed: int | None = None,
+        motion: Motion | None = None,
     ) -> PointSamples:
-        """The samples, kept where the options say; ``seed`` is theirs by default."""
+        """The samples, kept where the options say; ``seed``, ``motion`` are theirs by default."""
         from ..tracing.hidden_surface import render_samples
 
         if self.denoise:
@@ -73,6 +86,7 @@ class Opened:
             spp=options.spp,
             seed=options.seed if seed is None else seed,
             sampling=sampling,
+            motion=motion or self.motion,
         )
         if options.samples:
             samples.save(options.samples)

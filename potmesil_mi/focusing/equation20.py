@@ -28,6 +28,7 @@ from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .exposure import Exposure
 from .fragments import scatter_mode
+from .smearing import samples_along_paths
 
 SCATTERED_AT_ONCE = 1 << 21
 """Most samples that are scattered at once; it bounds the memory of a step."""
@@ -45,19 +46,21 @@ DARKEST = 1e-12
 def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndarray, np.ndarray]:
     """Q for every subpixel of the crop window, and what the subpixel counts in its pixel.
 
-    The C intensities c_i are R, G, B and, if it is asked for, alpha. ``tables`` stand at equally
-    spaced depths between the nearest and the farthest sample; samples at infinity have a table
-    of their own. With ``inverse_square`` light falls off as 1/z^2; for want of a finite depth,
-    samples at infinity are weighted like the farthest that hit something. Before a telecentric
-    lens light does not fall off: there each point of the film sees all of the lens's cone.
+    Samples that move are spread along their paths first: their surfaces are known, as section 3.1
+    keeps them for, and what hides what on the way is not. The C intensities c_i are R, G, B and, if
+    it is asked for, alpha. ``tables`` stand at equally spaced depths between the nearest and the
+    farthest sample; samples at infinity have a table of their own. With ``inverse_square`` light
+    falls off as 1/z^2; for want of a finite depth, samples at infinity are weighted like the
+    farthest that hit something. Before a telecentric lens light does not fall off: there each point
+    of the film sees all of the lens's cone.
 
     Returns Q, float64 (H, W, C), and what each subpixel counts in its pixel, float64 (H, W): on a
     lattice all alike, as in the paper; elsewhere, where chance puts more samples here than there,
     the light that reaches it before its fall-off. A subpixel that no light reaches is 0 and counts
     nothing.
     """
-    exposure = dataclasses.replace(exposure, samples=exposure.samples.visible())
-    samples = exposure.samples
+    samples = samples_along_paths(exposure.samples.visible())
+    exposure = dataclasses.replace(exposure, samples=samples)
     classes = PositionClasses.of(exposure)
     # As far as a sample can be from a subpixel of the crop window.
     whole = samples.window.subdivided(exposure.subpixels)

@@ -63,6 +63,11 @@ class Fragments:
     ``known``                     int32 (N,), number of the fragment in a table of what lens
                                   points see, where that is known; else ``INFERRED`` or
                                   ``COVERS``. ``None`` where all is inferred
+    ``motion``                    float32 (N, 3), by how much it moves across and down, in
+                                  subpixels, and in vergence during the part of the exposure
+                                  that it stands for; ``None`` where all stands still
+    ``instant``                   int32 (N,), of which part of the exposure it is; ``None``
+                                  where there is one
     ============================  ==========================================================
     """
 
@@ -79,6 +84,8 @@ class Fragments:
     offset: np.ndarray | None = None
     moments: np.ndarray | None = None
     known: np.ndarray | None = None
+    motion: np.ndarray | None = None
+    instant: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -116,10 +123,15 @@ class Fragments:
         }
         return dataclasses.replace(self, **columns)
 
+    @property
+    def order(self) -> np.ndarray:
+        """The numbers of the fragments in their order, int64 (N,)."""
+        keys = self.bin.astype(np.int64) * (self.height * self.width) + self.subpixel
+        return np.argsort(keys, kind="stable")
+
     def in_order(self) -> Fragments:
         """The fragments in their order, with columns of their types."""
-        keys = self.bin.astype(np.int64) * (self.height * self.width) + self.subpixel
-        order = np.argsort(keys, kind="stable")
+        order = self.order
         return dataclasses.replace(
             self,
             x=self.x[order].astype(np.int32),
@@ -130,6 +142,8 @@ class Fragments:
             bin=self.bin[order].astype(np.int32),
             moments=None if self.moments is None else self.moments[order].astype(np.float32),
             known=None if self.known is None else self.known[order],
+            motion=None if self.motion is None else self.motion[order].astype(np.float32),
+            instant=None if self.instant is None else self.instant[order].astype(np.int32),
         )
 
     def scaled(self, scale: np.ndarray) -> Fragments:
@@ -181,7 +195,11 @@ class Fragments:
         """
         width, height = -(-self.width // factor), -(-self.height // factor)
         bins = self.bin.astype(np.int64) // factor
-        keys, index = np.unique((bins * height + y) * width + x, return_inverse=True)
+        places = bins * height + y
+        if self.instant is not None:
+            # Those of each part of the exposure stay apart.
+            places += self.instant * (MAX_BINS + 1) * height
+        keys, index = np.unique(places * width + x, return_inverse=True)
         values = self.values if share is None else self.values * share[:, None]
         weight = values[:, SHARE].astype(np.float64)
         total = np.bincount(index, weight, len(keys))
@@ -190,6 +208,12 @@ class Fragments:
             return np.bincount(index, weight * column, len(keys)) / total
 
         light = [np.bincount(index, column, len(keys)) for column in values.T]
+        motion, instant = None, None
+        if self.motion is not None:
+            motion = np.stack([mean(column) for column in self.motion.T], axis=1)
+            motion[:, :2] /= factor
+        if self.instant is not None:
+            instant, keys = np.divmod(keys, (MAX_BINS + 1) * height * width)
         coarse = Fragments(
             width,
             height,
@@ -201,6 +225,8 @@ class Fragments:
             keys // (width * height),
             self.vergence_min,
             self.bin_width * factor,
+            motion=motion,
+            instant=instant,
         )
         return coarse.in_order(), index
 
@@ -215,7 +241,8 @@ class FragmentColumns:
     """Columns of :class:`Fragments` as Dr.Jit arrays.
 
     ``values`` are RGB and share, interleaved, of the fragments' own values and then of each moment;
-    ``alpha`` is their alpha, and empty unless it was asked for; ``offset`` is across and down.
+    ``alpha`` is their alpha, and empty unless it was asked for; ``offset`` is across and down;
+    ``motion`` across, down and in vergence.
     """
 
     x: jit.Int32
@@ -225,6 +252,8 @@ class FragmentColumns:
     values: list[jit.Float]
     alpha: list[jit.Float]
     offset: list[jit.Float] | None
+    motion: list[jit.Float] | None
+    instant: jit.UInt32 | None
 
     @classmethod
     def of(cls, fragments: Fragments) -> FragmentColumns:
@@ -240,10 +269,15 @@ class FragmentColumns:
             bin=jit.UInt32(fragments.bin),
             values=[jit.Float(np.ascontiguousarray(of[:, :4]).ravel()) for of in light],
             alpha=[jit.Float(np.ascontiguousarray(of[:, 4])) for of in light if has_alpha],
-            offset=None
-            if fragments.offset is None
-            else [jit.Float(np.ascontiguousarray(of)) for of in fragments.offset.T],
+            offset=columns_of(fragments.offset),
+            motion=columns_of(fragments.motion),
+            instant=None if fragments.instant is None else jit.UInt32(fragments.instant),
         )
+
+
+def columns_of(table: np.ndarray | None) -> list[jit.Float] | None:
+    """The columns of a table (N, C) as Dr.Jit arrays, if there is one."""
+    return None if table is None else [jit.Float(np.ascontiguousarray(of)) for of in table.T]
 
 
 def scatter_mode(density: float = math.inf) -> dr.ReduceMode:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
-from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, Columns, points_that_see
+from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, points_that_see
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .fragments import (
-    BIN_RADIUS,
     COVERS,
     INFERRED,
     MAX_BINS,
@@ -23,10 +21,8 @@ from .fragments import (
     Fragments,
     scatter_mode,
 )
+from .locating import Bins, Located, index_of, located_in, one_subpixel_each, parts_of, places_of
 from .moments import legendre, orders
-
-GATHERED_AT_ONCE = 1 << 22
-"""Most samples that are gathered at once; it bounds the memory of a step."""
 
 
 def gather(
@@ -50,11 +46,11 @@ def gather(
         which = None
     raster = samples.window.subdivided(subpixels)
     bins = bins or Bins.of(samples.z, radius_per_vergence)
-    located = functools.partial(_located, samples, subpixels, raster)
+    located = functools.partial(located_in, samples, subpixels, raster)
 
     nearest = dr.zeros(jit.UInt32, raster.size)
     farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
-    for part, chosen in _parts(len(samples), which):
+    for part, chosen in parts_of(len(samples), which):
         at = located(part)
         bin_ = bins.of_vergence(at.vergence)
         for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
@@ -65,16 +61,16 @@ def gather(
 
     sums_alone = _SumsAlone(raster.size, alpha, degree)
     others = [np.empty(0, np.int64)]
-    for part, chosen in _parts(len(samples), which):
+    for part, chosen in parts_of(len(samples), which):
         at = located(part)
         alone = at.visible & dr.gather(jit.Bool, one_depth, at.subpixel)
         sums_alone.add(samples, part, subpixels, at, alone & chosen)
-        others.append(_index(~alone & chosen, part))
+        others.append(index_of(~alone & chosen, part))
 
     index = np.concatenate(others)
     chosen = _Chosen(samples, index, samples.layer[index], samples.weight[index])
     other_place, other_layer, other_vergence, other_light, _ = _sorted_sums(
-        chosen, subpixels, alpha, degree, *_places(located, index, bins)
+        chosen, subpixels, alpha, degree, *places_of(located, index, bins)
     )
     place, vergence, light = sums_alone.found(len(other_place))
     light[len(place) :] = other_light
@@ -106,6 +102,7 @@ def gather_with_known(
     radius_per_vergence: float,
     alpha: bool = False,
     degree: int = 0,
+    bins: Bins | None = None,
 ) -> Gathered:
     """Samples gathered as by :func:`gather`, those of known visibility apart from the others.
 
@@ -113,12 +110,12 @@ def gather_with_known(
     are seen through.
     """
     if samples.visibility is None or not samples.visibility.any():
-        return Gathered(gather(samples, subpixels, radius_per_vergence, alpha, degree))
+        return Gathered(gather(samples, subpixels, radius_per_vergence, alpha, degree, bins))
     samples = one_subpixel_each(samples, subpixels)
     known, depth = np.asarray(samples.visibility) != 0, samples.z
     if samples.through is not None:
         depth = np.where(samples.through > 0, samples.through, depth)
-    bins = Bins.of(samples.z, radius_per_vergence, depth)
+    bins = bins or Bins.of(samples.z, radius_per_vergence, depth)
     fragments, seen = _gathered_known(
         samples, np.flatnonzero(known), subpixels, bins, alpha, degree
     )
@@ -146,7 +143,7 @@ def _gathered_known(
     seen_by = points_that_see(visibility)
     partly = seen_by < VISIBILITY_POINTS
     chosen = _Chosen(samples, index, partly, area * (seen_by / VISIBILITY_POINTS))
-    places = _places(functools.partial(_located, samples, subpixels, raster), index, bins)
+    places = places_of(functools.partial(located_in, samples, subpixels, raster), index, bins)
     place, is_partly, vergence, light, same = _sorted_sums(
         chosen, subpixels, alpha, degree, *places
     )
@@ -205,17 +202,17 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     """Fragments of ``samples``, some or all that :func:`gather` made, with their ``offset``."""
     samples = one_subpixel_each(samples, subpixels)
     raster = samples.window.subdivided(subpixels)
-    located = functools.partial(_located, samples, subpixels, raster)
+    located = functools.partial(located_in, samples, subpixels, raster)
     own, first = fragments.subpixel, fragments.first
     asked = np.zeros(raster.size, dtype=np.uint8)
     asked[own[first]] = 1
     is_asked = jit.from_numpy(jit.UInt8, asked)
     found = [np.empty(0, np.int64)]
-    for part, _ in _parts(len(samples)) if first.any() else []:
+    for part, _ in parts_of(len(samples)) if first.any() else []:
         at = located(part)
-        found.append(_index(at.visible & (dr.gather(jit.UInt8, is_asked, at.subpixel) > 0), part))
+        found.append(index_of(at.visible & (dr.gather(jit.UInt8, is_asked, at.subpixel) > 0), part))
     these = np.concatenate(found)
-    subpixel, *places = _places(located, these)
+    subpixel, *places = places_of(located, these)
     light = (samples.weight[these] * samples.rgb[these].max(axis=1)).astype(np.float64)
     total = np.bincount(subpixel, light, raster.size)[own]
     offset = [
@@ -224,118 +221,6 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     ]
     offset = np.clip(np.stack(offset, axis=1), -0.5, 0.5) * first[:, None]
     return dataclasses.replace(fragments, offset=offset.astype(np.float32))
-
-
-def _parts(
-    count: int, which: np.ndarray | None = None
-) -> Iterator[tuple[slice | np.ndarray, jit.Bool]]:
-    """The samples, of ``count``, that are gathered at once, from the first to the last.
-
-    A part is a slice of them and which of these are meant, or indices: ``which``, bool (N,), has
-    those that are.
-    """
-    for begin in range(0, count, GATHERED_AT_ONCE):
-        part = slice(begin, min(begin + GATHERED_AT_ONCE, count))
-        if which is None or which[part].all():
-            yield part, jit.Bool(True)
-        elif 2 * np.count_nonzero(which[part]) > part.stop - begin:
-            yield part, jit.from_numpy(jit.Bool, which[part])
-        elif which[part].any():
-            yield begin + np.flatnonzero(which[part]), jit.Bool(True)
-
-
-def _index(which: jit.Bool, part: slice | np.ndarray) -> np.ndarray:
-    """Index, int64 (n,), of the samples of a ``part`` of which ``which`` is true."""
-    there = np.array(dr.compress(which)).astype(np.int64)
-    return there + part.start if isinstance(part, slice) else part[there]
-
-
-def _places(
-    located: Callable[[np.ndarray], _Located], index: np.ndarray, bins: Bins | None = None
-) -> list[np.ndarray]:
-    """Of the samples ``index`` the subpixel, where in it they are across and down, and the bin.
-
-    The last is left out without ``bins``.
-    """
-    if len(index) == 0:
-        return [np.empty(0, np.int64)] * (3 if bins is None else 4)
-    at = located(index)
-    columns: list[Any] = [at.subpixel, at.across, at.down]
-    if bins is not None:
-        columns.append(bins.of_vergence(at.vergence))
-    dr.eval(columns)
-    return [np.array(column) for column in columns]
-
-
-def one_subpixel_each(samples: PointSamples, subpixels: int) -> PointSamples:
-    """Samples of which each lies in one subpixel.
-
-    Samples of a lattice lie on the edges of several: each is replaced by four of a quarter of its
-    weight, of which those outside the window are left out.
-    """
-    if samples.lattice == 0:
-        return samples
-    nudge = 0.25 / max(samples.lattice, subpixels)
-    quarters = [
-        samples.replace(x=samples.x + dx, y=samples.y + dy, weight=samples.weight / 4)
-        for dx in (-nudge, nudge)
-        for dy in (-nudge, nudge)
-    ]
-    columns = Columns.joined(quarters)
-    inside = samples.window.contains(columns.x, columns.y)
-    return samples.replace(**vars(columns.chosen(inside)), lattice=0)
-
-
-class Bins(NamedTuple):
-    """Where the bins of vergence begin, and how wide they are."""
-
-    vergence_min: float
-    width: float
-
-    @classmethod
-    def of(cls, depths: np.ndarray, radius_per_vergence: float, *others: np.ndarray) -> Bins:
-        """Those of ``depths``, with circles of that radius in subpixels per unit of vergence."""
-        every = depths, *others
-        ends = 1 / max(of.max() for of in every), 1 / min(of.min() for of in every)
-        # Where depths are many circles apart, the bins are wider.
-        width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
-        return cls(float(ends[0]), width)
-
-    def of_vergence(self, vergence: jit.Float) -> jit.UInt32:
-        """The bins of samples."""
-        from_first = (vergence - self.vergence_min) * dr.opaque(jit.Float, 1 / self.width)
-        return dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
-
-
-class _Located(NamedTuple):
-    """Subpixel and vergence of samples, and which of them the pinhole sees.
-
-    ``across`` and ``down``, from -1 to 1, tell where in the subpixel they are.
-    """
-
-    subpixel: jit.UInt32
-    vergence: jit.Float
-    visible: jit.Bool
-    across: jit.Float
-    down: jit.Float
-
-
-def _located(
-    samples: PointSamples, subpixels: int, raster: Window, part: slice | np.ndarray
-) -> _Located:
-    """Where the samples of a ``part``, or those of its indices, are on a ``raster``."""
-    left, top = samples.window[:2]
-    x = (jit.Float(samples.x[part]) - left) * subpixels
-    y = (jit.Float(samples.y[part]) - top) * subpixels
-    column = dr.clip(jit.Int32(dr.floor(x)), 0, raster.width - 1)
-    row = dr.clip(jit.Int32(dr.floor(y)), 0, raster.height - 1)
-    return _Located(
-        jit.UInt32(row * raster.width + column),
-        dr.rcp(jit.Float(samples.z[part])),
-        jit.UInt8(samples.layer[part]) == 0,
-        dr.clip(2 * (x - jit.Float(column)) - 1, -1, 1),
-        dr.clip(2 * (y - jit.Float(row)) - 1, -1, 1),
-    )
 
 
 class _SumsAlone:
@@ -355,7 +240,7 @@ class _SumsAlone:
         samples: PointSamples,
         part: slice | np.ndarray,
         subpixels: int,
-        at: _Located,
+        at: Located,
         alone: jit.Bool,
     ) -> None:
         """Add the samples ``part`` that are ``alone``."""

@@ -20,10 +20,12 @@ from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
 from .exposure import FINE_SUBPIXELS, Exposure
+from .exposure_view import view_of_exposure
 from .film import FinePicture
 from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
-from .lens_view import LensPoints, LensView, ViewPyramid
+from .lens_points import LensPoints
+from .lens_view import LensView, ViewPyramid
 from .memo import Memo
 from .slices import DepthSlice, Fineness, plan
 from .splat import SliceImages, splat
@@ -121,6 +123,9 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         return found._replace(fragments=located(found.fragments)) if diffracts else found
 
     def views() -> ViewPyramid:
+        if samples.moves:
+            view = view_of_exposure(samples, subpixels, radius, alpha, lens_points, not diffracts)
+            return ViewPyramid(view, None, None)
         found = memo.get(("fragments", about), fragments)
         seen = found.seen
         if seen is not None:

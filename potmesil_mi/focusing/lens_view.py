@@ -14,10 +14,8 @@ import numpy as np
 import scipy.ndimage
 
 from .. import _backend as jit
-from ..optics.aperture import Aperture
-from ..optics.lens import ThinLens
-from ..samples.point_samples import PointSamples
 from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments
+from .lens_points import LensPoints
 from .visibility import Jitter, visibility, visibility_of_highlights
 
 HIGHLIGHT_TO_MEDIAN = 8
@@ -32,109 +30,22 @@ NEIGHBOURHOOD = 33
 MAX_HIGHLIGHTS = 1 << 14
 """Most highlights of a view: the brightest ones."""
 
-HIGHLIGHT_POINTS = 16
-"""Highlights are looked at from so many times as many lens points as other fragments."""
-
 COARSER_PARTS = 3
 """Parts of a coarser view that are made before the whole is."""
 
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Of the golden section, whose multiples fill a time evenly, however many there are."""
+
 LEAST_SEEN = 8
 """What the innermost lens point sees at least, of 255, of what the pinhole sees."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class LensPoints:
-    """The points of the lens from which visibility is found.
-
-    ============================  ==========================================================
-    Field                         Meaning
-    ============================  ==========================================================
-    ``points``                    float64 (M, 2), in radii of the aperture, x to the right and
-                                  y downwards in the picture of a highlight nearer than the
-                                  focused plane
-    ``highlight_points``          float64 (16 M, 2), the same for highlights
-    ``cell``                      radius, in radii of the aperture, by which :class:`Jitter`
-                                  moves points of an aperture that is not round; 0 for a round
-                                  one, whose points are turned
-    ``squeeze``                   of the lens
-    ``middle``                    the principal point, (2,), in subpixels of the window
-    ``rim_distance``              subpixels from ``middle`` at which the rim of the lens, which is
-                                  in front of the aperture, appears shifted by a radius of the
-                                  aperture; ``inf`` without vignetting
-    ============================  ==========================================================
-
-    Equal ones see the same; they are hashable, and so are part of the key of what is kept.
-    """
-
-    points: np.ndarray
-    highlight_points: np.ndarray
-    cell: float
-    squeeze: float
-    middle: tuple[float, float]
-    rim_distance: float
-
-    @classmethod
-    def of(
-        cls, aperture: Aperture, lens: ThinLens, samples: PointSamples, count: int, subpixels: int
-    ) -> LensPoints:
-        """``count`` points of the aperture, with ``subpixels`` on a side of a pixel."""
-        scale = -1 / np.array([lens.squeeze, 1])
-        x, y = samples.camera.principal_point
-        left, top = samples.window[:2]
-        middle = ((x - left) * subpixels, (y - top) * subpixels)
-        corner = math.hypot(*samples.camera.film_size) / 2 * subpixels
-        whole_disc = aperture.is_round and lens.squeeze == 1 and lens.vignetting == 0
-        return cls(
-            aperture.points(count) * scale,
-            aperture.points(HIGHLIGHT_POINTS * count) * scale,
-            0.0 if whole_disc else 1 / math.sqrt(HIGHLIGHT_POINTS * count),
-            float(lens.squeeze),
-            middle,
-            corner / (2 * lens.vignetting) if lens.vignetting > 0 else math.inf,
-        )
-
-    def nearest(self, seen: np.ndarray, known: np.ndarray, radius: float) -> np.ndarray:
-        """What the points see, uint8 (n, M), where it is known for others: that of the nearest.
-
-        ``seen``, (n, K), is for the points ``known``, (K, 2), in scene units, and ``radius`` that
-        of the aperture.
-        """
-        apart = self.points[:, None] * radius - known
-        return np.ascontiguousarray(seen[:, np.argmin((apart**2).sum(axis=-1), axis=1)])
-
-    @property
-    def has_rim(self) -> bool:
-        """Whether the rim of the lens cuts anything."""
-        return self.rim_distance < math.inf
-
-    def inside_rim(self, fragments: Fragments, points: np.ndarray) -> np.ndarray:
-        """Whether the rim lets through what each point sees of each fragment, bool (N, M)."""
-        across, down = (
-            (at + 0.5 - middle) / self.rim_distance
-            for at, middle in zip((fragments.x, fragments.y), self.middle, strict=True)
-        )
-        u, v = points[:, 0] * self.squeeze, points[:, 1]
-        return (u - across[:, None]) ** 2 + (v - down[:, None]) ** 2 <= 1
-
-    @functools.cached_property
-    def _identity(self) -> tuple[object, ...]:
-        arrays = self.points.tobytes(), self.highlight_points.tobytes()
-        return (*arrays, self.cell, self.squeeze, self.middle, self.rim_distance)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, LensPoints):
-            return NotImplemented
-        return self._identity == other._identity
-
-    def __hash__(self) -> int:
-        return hash(self._identity)
 
 
 @dataclasses.dataclass(frozen=True)
 class OccludedColumns:
     """Columns of :class:`Occluded` as Dr.Jit arrays; ``u``, ``v`` are the lens points.
 
-    ``seen_sum``, (N,), is the sum of what all lens points see of each fragment.
+    ``time`` is when these look, if anything moves, and ``seen_sum``, (N,), the sum of what all lens
+    points see of each fragment.
     """
 
     fragments: FragmentColumns
@@ -142,6 +53,7 @@ class OccludedColumns:
     seen_sum: jit.Float
     u: jit.Float
     v: jit.Float
+    time: jit.Float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,7 +65,9 @@ class Occluded:
     ============================  ==========================================================
     ``fragments``                 N fragments; their values are not multiplied by ``seen``
     ``seen``                      uint8 (N, M), what each lens point sees of each, 0 to 255
-    ``points``                    float64 (M, 2), the lens points, see :class:`LensPoints`
+    ``points``                    float64 (T, M, 2), the lens points, see :class:`LensPoints`,
+                                  that look at each of T parts of an exposure
+    ``times``                     float64 (M,), when in a part they look, or ``None``
     ``jitter``                    the arrangement of the points for each fragment, or ``None``
     ============================  ==========================================================
     """
@@ -161,7 +75,13 @@ class Occluded:
     fragments: Fragments
     seen: np.ndarray
     points: np.ndarray
+    times: np.ndarray | None = None
     jitter: Jitter | None = None
+
+    @property
+    def count(self) -> int:
+        """Lens points that look at each fragment."""
+        return self.points.shape[1]
 
     def coarser(self, factor: int) -> Occluded:
         """The same on subpixels, and in bins of depth, ``factor`` times as large."""
@@ -170,12 +90,12 @@ class Occluded:
         total = np.bincount(index, weight, len(fragments))
         seen = [np.bincount(index, weight * column, len(fragments)) for column in self.seen.T]
         mean = np.rint(np.stack(seen, axis=1) / total[:, None])
-        return Occluded(fragments, mean.astype(np.uint8), self.points)
+        return Occluded(fragments, mean.astype(np.uint8), self.points, self.times)
 
     def between(self, bins: range) -> Occluded:
         """Those of some ``bins``; their points are not arranged anew."""
         part = self.fragments.between(bins.start, bins.stop)
-        return Occluded(self.fragments.chosen(part), self.seen[part], self.points)
+        return Occluded(self.fragments.chosen(part), self.seen[part], self.points, self.times)
 
     @property
     def nbytes(self) -> int:
@@ -188,14 +108,15 @@ class Occluded:
 
         The values are scaled: multiplied by what a lens point sees, they are its share.
         """
-        share = np.float32(1 / (255 * len(self.points)))
-        u, v = (jit.Float(column) for column in self.points.T.copy())
+        share = np.float32(1 / (255 * self.count))
+        u, v = (jit.Float(column) for column in self.points.reshape(-1, 2).T.copy())
         return OccludedColumns(
             FragmentColumns.of(self.fragments.scaled(np.full(len(self.fragments), share))),
             jit.UInt8(self.seen.ravel()),
             jit.Float(self.seen.sum(axis=1, dtype=np.float32)),
             u,
             v,
+            None if self.times is None else jit.Float(self.times),
         )
 
 
@@ -239,7 +160,8 @@ class LensView:
         covers = fragments
         if fragments.known is not None:
             covers = fragments.chosen(fragments.known < 0)
-        coverable, seen = visibility(covers, radius_per_vergence, lens_points.points)
+        points, times = lens_points.points, lens_points.times
+        coverable, seen = visibility(covers, radius_per_vergence, points, times)
         # The pinhole does see its samples: without a trace of them there might be black holes.
         first = covers.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
@@ -265,8 +187,14 @@ class LensView:
         fragments = fragments.scaled(~(bright[:, None] & is_colour))
         return cls(
             fragments.chosen(unoccluded),
-            Occluded(fragments.chosen(occluded), seen[occluded[coverable]], lens_points.points),
-            Occluded(chosen, seen_of_chosen, more, Jitter(chosen, lens_points.cell)),
+            Occluded(fragments.chosen(occluded), seen[occluded[coverable]], points[None], times),
+            Occluded(
+                chosen,
+                seen_of_chosen,
+                more[None],
+                None if times is None else (np.arange(len(more)) * GOLDEN) % 1 - 0.5,
+                Jitter(chosen, lens_points.cell),
+            ),
         )
 
     def between(self, bins: range) -> LensView:

@@ -187,6 +187,17 @@ def _smeared(resolution: int) -> float:
     return float(3 / 16 * steps.sum() - SUBPIXEL_VARIANCE / resolution**2 + LINEAR_VARIANCE)
 
 
+def _path_reach(fragments: Fragments, radius_per_vergence: float, pixel: int) -> float:
+    """Pixels, ``pixel`` subpixels wide, beyond still ones that light of moving fragments reaches.
+
+    Circles grow by ``radius_per_vergence`` pixels of radius for a unit of vergence.
+    """
+    if fragments.motion is None or len(fragments) == 0:
+        return 0.0
+    across, down, deeper = np.abs(fragments.motion).max(axis=0) / 2
+    return float(max(across, down) / pixel + deeper * radius_per_vergence)
+
+
 class _SlicePlanner:
     """Plans the slice of one band on one raster."""
 
@@ -346,8 +357,12 @@ class _SlicePlanner:
 
     def _reach(self, kernels: list[np.ndarray]) -> int:
         """Pixels beyond the fragments that their light may reach."""
-        cell = math.sqrt(2 / len(self.view.occluded.points)) * CELL_RADIUS
-        cells = math.ceil(self.outer * (1 + cell)) + 3
+        cell = math.sqrt(2 / self.view.occluded.count) * CELL_RADIUS
+        along = [
+            _path_reach(of, self.blur.radius_per_vergence, pixel)
+            for of, pixel in zip(self.view.kinds[1:], (1, self.raster.resolution), strict=True)
+        ]
+        cells = math.ceil(self.outer * (1 + cell) + max(along)) + 3
         if self.factory.diffracts:
             cells += max(self.factory.in_focus().shape) // 2
         return max([cells, *(max(kernel.shape) // 2 + 1 for kernel in kernels)]) + MOVED_REACH
@@ -361,7 +376,7 @@ class _SlicePlanner:
     def _points(
         self, some: Occluded, part: slice, pixel: int, radius: float, octaves: list[float]
     ) -> PointPlan:
-        cell = radius / math.sqrt(len(some.points))
+        cell = radius / math.sqrt(some.count)
         ends = some.fragments.bin[[part.start, part.stop - 1]] + np.array([0, 1])
         vergences = some.fragments.vergence_min + some.fragments.bin_width * ends
         vergences = vergences - self.blur.focused_vergence

@@ -223,7 +223,7 @@ def _splat_points(
     The ``moments`` of what lens points make of fragments with an offset are added to these.
     """
     occluded, part, box = points.occluded, points.part, depth_slice.box
-    on_device, count = occluded.on_device, len(occluded.points)
+    on_device, count = occluded.on_device, occluded.count
     columns = on_device.fragments
     lanes = (part.stop - part.start) * count
     stack = ImageStack(len(points.kernels), box, channels, 4 * lanes)
@@ -233,8 +233,15 @@ def _splat_points(
     fragment += dr.opaque(jit.UInt32, part.start)
     lane += dr.opaque(jit.UInt32, part.start * count)
     seen = jit.Float(dr.gather(jit.UInt8, on_device.seen, lane))
-    radius = _radius(columns, fragment, depth_slice.blur)
-    u, v = (dr.gather(jit.Float, column, point) for column in (on_device.u, on_device.v))
+    radius, along = _radius(columns, fragment, depth_slice.blur), [jit.Float(0)] * 2
+    if columns.motion is not None and on_device.time is not None:
+        time = dr.gather(jit.Float, on_device.time, point)
+        *along, deeper = (dr.gather(jit.Float, of, fragment) * time for of in columns.motion)
+        radius = dr.fma(deeper, dr.opaque(jit.Float, depth_slice.blur.radius_per_vergence), radius)
+    look = point
+    if columns.instant is not None:
+        look += dr.gather(jit.UInt32, columns.instant, fragment) * dr.opaque(jit.UInt32, count)
+    u, v = (dr.gather(jit.Float, column, look) for column in (on_device.u, on_device.v))
     if occluded.jitter is not None:
         if depth_slice.resolution > 1:
             radius = _without_cell(radius, points.cell, depth_slice.smeared)
@@ -247,8 +254,8 @@ def _splat_points(
         - dr.opaque(jit.Float, first)
         + radius * lens
         for column, moved, first, lens in (
-            (columns.x, offset[0], box.left, u),
-            (columns.y, offset[1], box.top, v),
+            (columns.x, offset[0] + along[0], box.left, u),
+            (columns.y, offset[1] + along[1], box.top, v),
         )
     )
     x0, y0 = dr.floor(x), dr.floor(y)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..filters.base import FilterFunction
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..optics.telecentric import ThinLensPicture
@@ -39,7 +41,15 @@ def changed(
 
     def make() -> Changed:
         depth = picture.depth(samples.z)
-        perspective = samples.replace(z=depth, camera=picture.camera, lens=picture.lens)
+        motion = samples.motion
+        if motion is not None:
+            near, far = (picture.depth(samples.z + side * motion[:, 2]) for side in (-0.5, 0.5))
+            with np.errstate(invalid="ignore"):
+                deeper = np.where(np.isfinite(near), far - near, 0)
+            motion = np.column_stack([motion[:, :2], deeper])
+        perspective = samples.replace(
+            z=depth, motion=motion, camera=picture.camera, lens=picture.lens
+        )
         return Changed(perspective, Memo(memo.max_bytes))
 
     kept = memo.get(("telecentric", picture.reference), make)

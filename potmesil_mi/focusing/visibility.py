@@ -22,7 +22,7 @@ import numpy as np
 import scipy.ndimage
 
 from .. import _backend as jit
-from .fragments import BIN_RADIUS, MAX_BINS, Fragments
+from .fragments import BIN_RADIUS, MAX_BINS, Fragments, columns_of
 from .opacity import optical_depth
 
 SLANT_BINS = 2
@@ -44,24 +44,34 @@ the way there blocks it; half a step and a quarter for rounding."""
 
 
 def visibility(
-    fragments: Fragments, radius_per_vergence: float, points: np.ndarray
+    fragments: Fragments,
+    radius_per_vergence: float,
+    points: np.ndarray,
+    times: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What each of the lens ``points`` sees of the fragments.
 
     ``points``, (M, 2), are in units of the lens's radius; ``radius_per_vergence`` is the parallax,
-    in subpixels per unit of vergence, of a lens point at radius 1.
+    in subpixels per unit of vergence, of a lens point at radius 1. ``times``, (M,), from -0.5 to
+    0.5, are when in the part of an exposure that fragments stand for the points look; without them
+    nothing moves.
 
     Returns which fragments, bool (N,), some lens point may not see as a whole; and for these, in
     their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
     fragments less than one step and ``SLANT_BINS`` bins behind the first surface of their subpixel
     are seen from nowhere.
     """
-    coverable = _may_be_covered(fragments, np.ones(len(fragments), dtype=bool), radius_per_vergence)
+    if times is None or fragments.motion is None:
+        times = np.zeros(len(points))
+        fragments = dataclasses.replace(fragments, motion=None)
+    apart = _relative_path(fragments.motion)
+    every_one = np.ones(len(fragments), dtype=bool)
+    coverable = _may_be_covered(fragments, every_one, radius_per_vergence, apart)
     coverable |= fragments.gap_in_front > 0
-    covering = _may_be_covered(fragments, coverable, -radius_per_vergence)
+    covering = _may_be_covered(fragments, coverable, -radius_per_vergence, apart)
     ends = fragments.vergence.min(), fragments.vergence.max()
     middle = (ends[0] + ends[1]) / 2
-    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2) + 3
+    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2 + _reach_of(fragments)) + 3
     frame = _Frame(fragments.width + 2 * margin, fragments.height + 2 * margin)
     at_once = max(1, MAX_COVERED // frame.size)
     covers = _Covers.of(fragments, radius_per_vergence).chosen(covering)
@@ -69,14 +79,29 @@ def visibility(
         _Shifted(fragments.chosen(mask), margin, middle, radius_per_vergence)
         for mask in (coverable, covering)
     )
+    looks = np.column_stack([points, times]).astype(np.float32)
     seen = np.empty((behind.count, len(points)), dtype=np.uint8)
     for first in range(0, len(points), at_once):
-        part = points[first : first + at_once].astype(np.float32)
+        part = looks[first : first + at_once]
         seen[:, first : first + at_once] = _seen_from(part, behind, before, covers, frame)
     gap = fragments.gap_in_front[coverable]
     least = behind.bins_per_step + SLANT_BINS
     seen[(gap > 0) & (gap < least * fragments.bin_width)] = 0
     return coverable, seen
+
+
+def _relative_path(motion: np.ndarray | None) -> float:
+    """How far things may move before each other, in subpixels."""
+    if motion is None or len(motion) == 0:
+        return 0.0
+    return float(np.hypot(*np.ptp(motion[:, :2], axis=0)))
+
+
+def _reach_of(fragments: Fragments) -> float:
+    """How far fragments move to each side of where they are, in subpixels."""
+    if fragments.motion is None or len(fragments) == 0:
+        return 0.0
+    return float(np.abs(fragments.motion[:, :2]).max()) / 2
 
 
 class Jitter:
@@ -188,12 +213,12 @@ def _nearest_thing(fragments: Fragments, parallax: np.ndarray) -> np.ndarray:
 
 
 def _may_be_covered(
-    fragments: Fragments, others: np.ndarray, radius_per_vergence: float
+    fragments: Fragments, others: np.ndarray, radius_per_vergence: float, apart: float
 ) -> np.ndarray:
     """Fragments, bool (N,), in front of which parallax may move one of ``others``, bool (N,).
 
-    With a negative ``radius_per_vergence``: fragments that parallax may move in front of one of
-    the others.
+    Motion may move them before each other by ``apart`` subpixels. With a negative
+    ``radius_per_vergence``: fragments that may move in front of one of the others.
     """
     height, width = fragments.height, fragments.width
     subpixel = fragments.subpixel
@@ -203,9 +228,10 @@ def _may_be_covered(
     result = np.zeros(len(fragments), dtype=bool)
     distance, before = 1, 0
     largest = float(nearest.max()) - float(parallax.min())
-    while before <= min(largest + 1, max(height, width)):
+    while before <= min(largest + 1 + apart, max(height, width)):
         around = scipy.ndimage.maximum_filter(nearest.reshape(height, width), 2 * distance + 1)
-        result |= around.ravel()[subpixel] - parallax >= max(before - 1, SLANT_BINS * BIN_RADIUS)
+        least = max(before - 1 - apart, SLANT_BINS * BIN_RADIUS)
+        result |= around.ravel()[subpixel] - parallax >= least
         distance, before = math.ceil(1.5 * (distance + 1)), distance
     return result
 
@@ -295,6 +321,8 @@ class _Shifted:
         self.x = jit.Float(fragments.x + np.float32(margin + 0.5))
         self.y = jit.Float(fragments.y + np.float32(margin + 0.5))
         self.parallax = jit.Float((fragments.vergence - middle) * np.float32(radius_per_vergence))
+        self.motion = columns_of(fragments.motion)
+        self.per_vergence = radius_per_vergence
 
     @property
     def bins_per_step(self) -> int:
@@ -306,17 +334,23 @@ class _Shifted:
         start, stop = np.searchsorted(self.bin, np.array([bins.start, bins.stop], np.int32))
         return int(start), int(stop)
 
-    def from_points(self, part: tuple[int, int], points: tuple[jit.Float, jit.Float]) -> _FromPoint:
-        """Every pair of a fragment of ``part`` and one of the ``points``, (u, v)."""
+    def from_points(
+        self, part: tuple[int, int], points: tuple[jit.Float, jit.Float, jit.Float]
+    ) -> _FromPoint:
+        """Every pair of a fragment of ``part`` and one of the ``points``, (u, v) at a time."""
         count = dr.opaque(jit.UInt32, len(points[0]))
         lane = dr.arange(jit.UInt32, (part[1] - part[0]) * len(points[0]))
         fragment = lane // count
         point = lane - fragment * count
         fragment += dr.opaque(jit.UInt32, part[0])
         parallax = dr.gather(jit.Float, self.parallax, fragment)
-        u, v = (dr.gather(jit.Float, column, point) for column in points)
-        x = dr.fma(parallax, u, dr.gather(jit.Float, self.x, fragment))
-        y = dr.fma(parallax, v, dr.gather(jit.Float, self.y, fragment))
+        u, v, time = (dr.gather(jit.Float, column, point) for column in points)
+        x, y = (dr.gather(jit.Float, column, fragment) for column in (self.x, self.y))
+        if self.motion is not None:
+            moved = [dr.gather(jit.Float, of, fragment) * time for of in self.motion]
+            x, y = x + moved[0], y + moved[1]
+            parallax = dr.fma(moved[2], dr.opaque(jit.Float, self.per_vergence), parallax)
+        x, y = dr.fma(parallax, u, x), dr.fma(parallax, v, y)
         return _FromPoint(fragment, point, u, v, x, y)
 
 
@@ -361,16 +395,14 @@ def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -
 def _seen_from(
     points: np.ndarray, behind: _Shifted, before: _Shifted, covers: _Covers, frame: _Frame
 ) -> np.ndarray:
-    """What each point sees of each fragment of ``behind``, uint8 (N, M).
+    """What each of the ``points``, (M, 3) with their times, sees of ``behind``, uint8 (N, M).
 
     From the nearest step to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
     bins nearer than a step's are added to the optical depth, then those of the step are looked up.
     """
     count = len(points)
-    on_device = (
-        jit.Float(np.ascontiguousarray(points[:, 0])),
-        jit.Float(np.ascontiguousarray(points[:, 1])),
-    )
+    u, v, time = (jit.Float(np.ascontiguousarray(column)) for column in points.T)
+    on_device = u, v, time
     depth = dr.zeros(jit.Float, frame.size * count)
     seen = dr.zeros(jit.UInt8, behind.count * count)
     if behind.count == 0:

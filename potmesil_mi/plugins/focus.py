@@ -63,6 +63,10 @@ class FocusIntegrator(WrapperIntegrator):
        - |bool|
        - Denoise the samples before they are focused, for which ``features`` are kept: see
          :meth:`potmesil_mi.PointSamples.denoised`. Needs the extra ``denoise``. (Default: false)
+     * - motion
+       - |string|
+       - A TOML file that tells what moves while the picture is exposed: tables ``[camera]``,
+         ``[shapes.ID]`` and ``[shutter]``, see :class:`potmesil_mi.Motion`. (Default: nothing)
      * - pattern, threshold, subdivisions, layers, overscan, min_f_number, virtual_depth, features,
          clamp
        - |string|, |float|, |int|, |bool|

@@ -43,6 +43,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
      * - (nested)
        - |integrator|
        - A sampling integrator, such as ``path`` or ``direct``.
+     * - motion
+       - |string|
+       - A TOML file that tells what moves while the picture is exposed: tables ``[camera]``,
+         ``[shapes.ID]`` and ``[shutter]``, see :class:`potmesil_mi.Motion`. (Default: nothing)
      * - pattern
        - |string|
        - ``sampler``: positions of the sensor's sampler. ``uniform``: the paper's grid of

@@ -12,6 +12,7 @@ import mitsuba as mi
 if TYPE_CHECKING:
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
+    from ..motion.motion import Motion
 
 METHOD_PARAMETERS = ("method", "lens_points", "tables", "inverse_square", "squares")
 """Parameters of the integrator ``focus`` that say how the picture is formed."""
@@ -43,6 +44,20 @@ def denoise_from(props: mi.Properties) -> bool:
     if not isinstance(value, bool):
         raise TypeError(f"denoise={value!r}: must be true or false")
     return value
+
+
+def motion_from(props: mi.Properties) -> Motion | None:
+    """What moves, of the file that a parameter names, which is sought where Mitsuba seeks files.
+
+    Raises ``TypeError`` for other than text, and what ``Motion.load`` raises.
+    """
+    from ..motion.motion import Motion
+
+    if "motion" not in props:
+        return None
+    if not isinstance(props["motion"], str):
+        raise TypeError(f"motion={props['motion']!r}: must be the name of a TOML file")
+    return Motion.load(str(mi.file_resolver().resolve(props["motion"])))
 
 
 def has_alpha(film: mi.Film) -> bool:

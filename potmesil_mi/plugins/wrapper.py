@@ -11,6 +11,7 @@ import numpy as np
 from .._backend import require_vectorised_variant
 from ..tracing.sampling import Sampling
 from ..tracing.sensor import pick_sensor
+from .settings import motion_from
 
 if TYPE_CHECKING:
     from ..samples.point_samples import PointSamples
@@ -45,6 +46,7 @@ class WrapperIntegrator(mi.CppADIntegrator):
             )
         names = [field.name for field in dataclasses.fields(Sampling)]
         self.sampling = Sampling(**{name: props[name] for name in names if name in props})
+        self.motion = motion_from(props)
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """What the film is to show: RGB (A), and the channels that ``aov_names`` names."""
@@ -78,6 +80,7 @@ class WrapperIntegrator(mi.CppADIntegrator):
             spp=spp,
             seed=int(np.array(seed).ravel()[0]),
             sampling=self.film_sampling(),
+            motion=self.motion,
         )
         film = sensor.film()
         picture, extra = self.form(samples, film)

@@ -24,6 +24,8 @@ _LAYER: dict[str, Any] = {"dtype": np.uint8, "channels": 0}
 _THROUGH: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
 _VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": True}
 _FEATURE: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
+_TIME: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
+_MOTION: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
 
 ELSEWHERE = 255
 """``layer`` of what is on none of the rays of the pinhole."""
@@ -73,6 +75,12 @@ class Columns:
     ``normal``                    float32 (N, 3), its shading normal in the world; 0 where
                                   ``albedo`` is for lamps and the like; ``None`` where
                                   it was not kept
+    ``time``                      float32 (N,), part of the exposure, 0 to 1, that is over when the
+                                  sample is where it is; ``None`` where all are of one time
+    ``motion``                    float32 (N, 3), by how much x and y, in pixels, and z, in scene
+                                  units, change during the part of the exposure that the sample
+                                  stands for, half of it before its ``time`` and half after;
+                                  ``None`` where all stands still
     ============================  ==========================================================
 
     What is given becomes arrays of these types, without a copy where it is one. Raises
@@ -91,6 +99,8 @@ class Columns:
     visibility: np.ndarray | None = dataclasses.field(default=None, metadata=_VISIBILITY)
     albedo: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
     normal: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
+    time: np.ndarray | None = dataclasses.field(default=None, metadata=_TIME)
+    motion: np.ndarray | None = dataclasses.field(default=None, metadata=_MOTION)
 
     def __post_init__(self) -> None:
         count = len(self.x)
@@ -116,8 +126,8 @@ class Columns:
         """The schema of the columns that there are: see :data:`COLUMNS`."""
         return [f for f in COLUMNS if not is_optional(f) or getattr(self, f.name) is not None]
 
-    def chosen(self: C, which: np.ndarray) -> C:
-        """The samples that ``which`` has, bool (N,) or indices in their order."""
+    def chosen(self: C, which: np.ndarray | slice) -> C:
+        """The samples that ``which`` has: bool (N,), indices in their order, or a slice of them."""
         columns: dict[str, Any] = {f.name: getattr(self, f.name)[which] for f in self.present()}
         return dataclasses.replace(self, **columns)
 
@@ -133,6 +143,11 @@ class Columns:
             yield (self.albedo >= 0) & (self.albedo <= 1)
         if self.normal is not None:
             yield np.abs(self.normal) <= LONGEST_NORMAL
+        if self.time is not None:
+            yield (self.time >= 0) & (self.time <= 1)
+        if self.motion is not None:
+            yield np.isfinite(self.motion)
+            yield np.abs(self.motion[:, 2]) < 2 * self.z
 
     @property
     def all_valid(self) -> bool:
@@ -143,8 +158,8 @@ class Columns:
         """Of which samples a picture can be formed, bool (N,).
 
         Radiance, alpha, position and weight must be finite, depth and weight > 0, and what it is
-        seen through must be at a finite depth >= 0. Albedo must be 0 to 1, and normals no longer
-        than unit vectors.
+        seen through must be at a finite depth >= 0. Albedo and time must be 0 to 1, normals no
+        longer than unit vectors, and motion finite and not through the camera.
         """
         return np.logical_and.reduce(
             [condition.reshape(len(self), -1).all(axis=1) for condition in self._conditions()]

@@ -24,6 +24,11 @@ looks, on downwards.
 Samples with features for a denoiser have ``albedo.R``, ``.G`` and ``.B``, and the shading normal in
 the world, ``N.X``, ``N.Y`` and ``N.Z``, none of them multiplied by ``A``.
 
+Samples of an exposure during which something moves have ``time``, the part of the exposure that is
+over, 0 to 1, and ``motion.X``, ``motion.Y`` and ``motion.Z``: by how much their place changes
+during the part of the exposure that they stand for, in pixels to the right and downwards, and their
+depth in scene units away from the camera.
+
 Version 1 had neither hidden samples nor overscan, and positions relative to the pixel. Versions
 1 and 2 call the lens's ``film`` ``image_distance``.
 
@@ -57,8 +62,14 @@ _OWN = ("potmesil.x", "potmesil.y", "potmesil.weight", "potmesil.alpha")
 _LAYER = "potmesil.layer"
 _THROUGH = "potmesil.through"
 _VISIBILITY = ("potmesil.visibility0", "potmesil.visibility1")
-_FEATURES = {"albedo": ("albedo.R", "albedo.G", "albedo.B"), "normal": ("N.X", "N.Y", "N.Z")}
-"""Channels of columns for denoisers, by the names that renderers commonly give them."""
+_TIME = "time"
+_VECTORS = {
+    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+    "normal": ("N.X", "N.Y", "N.Z"),
+    "motion": ("motion.X", "motion.Y", "motion.Z"),
+}
+"""Channels of columns of three numbers; those for denoisers have the names that renderers commonly
+give them."""
 
 
 def write(path: Path, header: Header, columns: Columns) -> None:
@@ -182,10 +193,12 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
     if columns.visibility is not None:
         halves = columns.visibility[order].astype("<u8").view("<u4").reshape(-1, 2)
         channels |= dict(zip(_VISIBILITY, np.ascontiguousarray(halves.T), strict=True))
-    for column, features in _FEATURES.items():
+    if columns.time is not None:
+        channels[_TIME] = columns.time[order]
+    for column, names in _VECTORS.items():
         values = getattr(columns, column)
         if values is not None:
-            channels |= dict(zip(features, np.ascontiguousarray(values[order].T), strict=True))
+            channels |= dict(zip(names, np.ascontiguousarray(values[order].T), strict=True))
     return {name: _per_pixel(values, counts, window) for name, values in channels.items()}
 
 
@@ -203,7 +216,7 @@ def _per_pixel(values: np.ndarray, counts: np.ndarray, window: Window) -> np.nda
 def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
     """The samples of one part of a file; none where it has no samples."""
     names = ["R", "G", "B", "Z", "id", *_OWN]
-    optional = _LAYER, _THROUGH, *_VISIBILITY, *itertools.chain(*_FEATURES.values())
+    optional = _LAYER, _THROUGH, _TIME, *_VISIBILITY, *itertools.chain(*_VECTORS.values())
     names += [name for name in optional if name in channels]
     absent = [name for name in names if name not in channels]
     if absent:
@@ -236,15 +249,16 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         layer=flat.get(_LAYER, np.zeros(len(x))).astype(np.uint8),
         through=flat.get(_THROUGH),
         visibility=visibility,
-        **_features(flat),
+        time=flat.get(_TIME),
+        **_vectors(flat),
     )
 
 
-def _features(flat: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns for denoisers that a part of a file has."""
+def _vectors(flat: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns of three numbers that a part of a file has."""
     return {
         column: np.stack([flat[name] for name in names], axis=1)
-        for column, names in _FEATURES.items()
+        for column, names in _VECTORS.items()
         if all(name in flat for name in names)
     }
 

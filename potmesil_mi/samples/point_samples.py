@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 import os
 import warnings
@@ -55,6 +56,8 @@ class Changes(TypedDict, total=False):
     visibility: np.ndarray | None
     albedo: np.ndarray | None
     normal: np.ndarray | None
+    time: np.ndarray | None
+    motion: np.ndarray | None
     visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
@@ -98,6 +101,13 @@ class PointSamples(Columns):
     ``normal``                    float32 (N, 3), its shading normal in the world; 0 where
                                   ``albedo`` is for lamps and the like; ``None`` (default) where
                                   it was not kept
+    ``time``                      float32 (N,), part of the exposure, 0 to 1, that is over when the
+                                  sample is where it is; ``None`` (default) where all are of one
+                                  time
+    ``motion``                    float32 (N, 3), by how much x and y, in pixels, and z, in scene
+                                  units, change during the part of the exposure that the sample
+                                  stands for, half of it before its ``time`` and half after;
+                                  ``None`` (default) where all stands still
     ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
                                   ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
@@ -110,8 +120,9 @@ class PointSamples(Columns):
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
-    not positive, with ``through`` not finite or < 0, with an albedo that is not 0 to 1 or a normal
-    longer than 1 are dropped, with a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
+    not positive, with ``through`` not finite or < 0, with an albedo or a time that is not 0 to 1, a
+    normal longer than 1 or a motion that is not finite or goes through the camera are dropped, with
+    a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
     columns of unequal length or wrong shape, for a window of less than one pixel, for
     ``visibility`` without the lens's half-widths or these without it, and where no sample is left,
     ``TypeError`` for a window of other than whole numbers.
@@ -138,7 +149,7 @@ class PointSamples(Columns):
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
                 "weight not finite, depth or weight not > 0, through not finite or < 0, albedo not "
-                "0 to 1, or a normal longer than 1",
+                "0 to 1, a normal longer than 1, or time or motion out of bounds",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -174,6 +185,28 @@ class PointSamples(Columns):
             places = np.sort(x.astype(np.uint64) << np.uint64(32) | y)
             count = 1 + np.count_nonzero(np.diff(places))
         return math.floor(count / pixels + ROUNDED_PLACES)
+
+    @functools.cached_property
+    def instants(self) -> int:
+        """Instants of the exposure at which there are samples."""
+        return 1 if self.time is None else len(np.unique(self.time))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the samples are of an exposure during which something moves."""
+        return self.motion is not None or self.instants > 1
+
+    def at_instants(self) -> list[PointSamples]:
+        """The samples of each instant of the exposure, with their shares of a pixel at it."""
+        if self.time is None or self.instants == 1:
+            return [self]
+        times = np.unique(self.time)
+        if (self.time[1:] >= self.time[:-1]).all():
+            ends = [*np.searchsorted(self.time, times), len(self)]
+            parts = [self.chosen(slice(*part)) for part in itertools.pairwise(ends)]
+        else:
+            parts = [self.chosen(self.time == time) for time in times]
+        return [part.replace(weight=part.weight * np.float32(len(parts))) for part in parts]
 
     @functools.cached_property
     def hidden_to_visible(self) -> float:
@@ -296,6 +329,8 @@ class PointSamples(Columns):
             keys = np.vstack([keys, np.unique(self.visibility, return_inverse=True)[1]])
         if self.through is not None:
             keys = np.vstack([keys, self.through > 0])
+        if self.time is not None:
+            keys = np.vstack([keys, self.time])
         order = np.lexsort(keys[::-1])
         ordered = keys[:, order]
         first = np.flatnonzero(
@@ -324,6 +359,8 @@ class PointSamples(Columns):
             visibility=None if self.visibility is None else self.visibility[order][first],
             albedo=None if self.albedo is None else mean(self.albedo),
             normal=None if self.normal is None else mean(self.normal),
+            time=None if self.time is None else self.time[order][first],
+            motion=None if self.motion is None else mean(self.motion),
             weight=total,
         )
 

@@ -15,12 +15,14 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._validation import require_whole
+from ..motion.motion import Motion
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .elsewhere import seen_elsewhere
+from .exposing import exposed
 from .fireflies import Fireflies
 from .lens_rays import LensRays
 from .lobes import part_lobes
@@ -50,6 +52,7 @@ class WrappingIntegrator(Protocol):
 
     nested: mi.Integrator
     sampling: Sampling
+    motion: Motion | None
 
 
 def render_samples(
@@ -61,6 +64,7 @@ def render_samples(
     seed: int = 0,
     sampling: Sampling | None = None,
     lens: TelecentricLens | None = None,
+    motion: Motion | None = None,
 ) -> PointSamples:
     """Point samples of ``scene``: position, radiance, depth and surface of every primary ray.
 
@@ -74,18 +78,24 @@ def render_samples(
     With one pass (up to 4M rays), the same ``seed`` and ``refine=0`` the rays are those of
     ``mi.render`` with the same integrator.
 
+    With ``motion`` they are those of an exposure, with ``time`` and ``motion`` of their own: the
+    scene is sampled at several instants, with ``spp`` in all of them together, and left as it was.
+    What does not move at all has the samples of a scene that stands still.
+
     Raises ``ValueError`` for an empty scene or bad parameters, ``TypeError`` for a sensor or
     integrator that cannot be used, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("render_samples")
     if not isinstance(scene, mi.Scene):
         raise TypeError(f"scene={scene!r}: must be a scene, as mi.load_file gives")
+    if motion is not None and not isinstance(motion, Motion):
+        raise TypeError(f"motion={motion!r}: must be a Motion, as Motion.load gives")
     if sampling is not None and not isinstance(sampling, Sampling):
         raise TypeError(f"sampling={sampling!r}: must be a Sampling, such as Sampling('uniform')")
     sensor = with_lens(pick_sensor(scene, sensor), lens)
     integrator = integrator or scene.integrator()
     if isinstance(integrator, WrappingIntegrator):
-        sampling = sampling or integrator.sampling
+        sampling, motion = sampling or integrator.sampling, motion or integrator.motion
         integrator = integrator.nested
     if not isinstance(integrator, mi.SamplingIntegrator):
         name = "None" if integrator is None else integrator.class_name()
@@ -94,8 +104,16 @@ def render_samples(
         raise TypeError("film: must be a film of colours, such as hdrfilm, not a special one")
     require_whole("spp", spp, 0, 2**32 - 1)
     require_whole("seed", seed, 0, 2**32 - 1)
+    own: mi.SamplingIntegrator = integrator
+
+    def sampled(spp: int, seed: int, beyond: int = 0) -> PointSamples:
+        passes = Passes(sensor.sampler(), spp, seed)
+        return _sampled(scene, sensor, own, passes, sampling, beyond)
+
     with dr.suspend_grad():
-        return _sampled(scene, sensor, integrator, Passes(sensor.sampler(), spp, seed), sampling)
+        if motion is None:
+            return sampled(spp, seed)
+        return exposed(scene, sensor, motion, spp or sensor.sampler().sample_count(), seed, sampled)
 
 
 def _sampled(
@@ -104,8 +122,12 @@ def _sampled(
     integrator: mi.SamplingIntegrator,
     passes: Passes,
     sampling: Sampling | None,
+    beyond: int,
 ) -> PointSamples:
-    """The stage itself: a window, the samples that the pinhole sees in it, and hidden ones."""
+    """The stage itself: a window, the samples that the pinhole sees in it, and hidden ones.
+
+    The window is so many pixels larger, ``beyond`` what is asked for.
+    """
     sampling = sampling or Sampling()
     ids, surfaces = surface_ids(scene)
     follows_windows = sampling.virtual_depth and has_specular(scene)
@@ -129,6 +151,7 @@ def _sampled(
     else:
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
+    window = window.grown(beyond)
     fireflies = Fireflies.of(scene, ids, sampling.clamp)
     visible = sample_visible(rays, window, sampling, fireflies)
     columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.focusing import gathering as gathering_module
+from potmesil_mi.focusing import locating
 from potmesil_mi.focusing.fragments import BIN_RADIUS, MAX_BINS, SHARE
 from potmesil_mi.focusing.gathering import gather
 from scenes import overscanned, synthetic
@@ -67,12 +67,12 @@ def test_gathering_some_of_the_samples_is_as_if_there_were_no_others(monkeypatch
     if lattice:
         x, y = (np.floor(of * lattice) / lattice for of in (samples.x, samples.y))
         samples = samples.replace(x=x, y=y, lattice=lattice)
-    bins = gathering_module.Bins.of(samples.z, 3.0)
+    bins = locating.Bins.of(samples.z, 3.0)
     # Parts that are meant as a whole, mostly, in a few places and not at all.
     which = np.arange(len(samples)) % every != every // 2
     which[: len(samples) // 3] ^= True
     which[-3000:] = False
-    monkeypatch.setattr(gathering_module, "GATHERED_AT_ONCE", 2000)
+    monkeypatch.setattr(locating, "GATHERED_AT_ONCE", 2000)
     some = gather(samples, 2, 3.0, alpha=True, bins=bins, which=which)
     alone = gather(samples.chosen(which), 2, 3.0, alpha=True, bins=bins)
     for name in ("x", "y", "bin"):
@@ -84,7 +84,7 @@ def test_gathering_some_of_the_samples_is_as_if_there_were_no_others(monkeypatch
 def test_gathering_in_parts_gives_the_same(monkeypatch):
     samples = every_kind()
     at_once = gather(samples, 1, 3.0, alpha=True)
-    monkeypatch.setattr(gathering_module, "GATHERED_AT_ONCE", 1234)
+    monkeypatch.setattr(locating, "GATHERED_AT_ONCE", 1234)
     in_parts = gather(samples, 1, 3.0, alpha=True)
     for name in ("x", "y", "bin"):
         np.testing.assert_array_equal(getattr(in_parts, name), getattr(at_once, name))

@@ -9,7 +9,8 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.focusing import lens_view
 from potmesil_mi.focusing.gathering import gather
-from potmesil_mi.focusing.lens_view import LensPoints, LensView, ViewPyramid
+from potmesil_mi.focusing.lens_points import LensPoints
+from potmesil_mi.focusing.lens_view import LensView, ViewPyramid
 from scenes import overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")

@@ -233,6 +233,8 @@ def test_columns_are_taken_as_they_are_and_joined_in_order():
         visibility_radius=(0.1, 0.1),
         albedo=rng.random((100, 3)),
         normal=rng.random((100, 3)) / 2,
+        time=rng.random(100),
+        motion=rng.random((100, 3)),
     )
     columns = {f.name: getattr(samples, f.name) for f in COLUMNS}
     whole = Columns(**columns)

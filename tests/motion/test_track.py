@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from potmesil_mi.animation.track import EASINGS, Key, Track
+from potmesil_mi.motion.track import EASINGS, Key, Track
 
 
 def test_a_number_is_the_same_in_all_frames():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.animation.shape_move import ShapeMove
+from potmesil_mi.motion.shape_move import ShapeMove
 
 
 def moved(values, frame, point, centre=(0, 0, 0)):

@@ -1,0 +1,261 @@
+"""An exposure: samples at several instants of it, each of which knows its path between them.
+
+Mitsuba has no motion: the scene is posed for each instant, and sampled as one that stands still.
+What a shape, or the camera, does during the part of the exposure that a sample stands for moves
+the sample along with its surface, as section 3.1 of Potmesil & Chakravarty (1981) has in mind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import mitsuba as mi
+import numpy as np
+
+from .._progress import reported
+from ..motion.motion import Motion
+from ..motion.shutter import Shutter
+from ..optics.camera import Camera
+from ..samples.columns import Columns
+from ..samples.point_samples import PointSamples
+from ..samples.raster import Window
+from .posing import PosedShapes
+from .sensor import placed
+from .shapes import registry_index, surface_ids
+
+LONGEST_PATH = 10.0
+"""Pixels that a sample moves in the part of the exposure that it stands for, where there may be as
+many instants as that takes."""
+
+MOST_INSTANTS = 16
+"""Most instants, unless more are asked for."""
+
+PROBES = 64
+"""Rays on a side of the crop window that look for the longest path in it."""
+
+PROBED = 5
+"""Times at which they do."""
+
+LEAST_PATH = 1e-4
+"""Pixels below which nothing moves: rounding does not count as motion."""
+
+BEYOND = 1e4
+"""How far what is infinitely far is, for its path, in multiples of the farthest depth."""
+
+Sampled = Callable[[int, int, int], PointSamples]
+"""Samples of the scene as it is posed: how many a pixel, of which seed, and how many pixels beyond
+what the lens sees."""
+
+
+class _Part(NamedTuple):
+    """A part of an exposure: the frames at which it begins, is half over in light, and ends."""
+
+    begin: float
+    middle: float
+    end: float
+
+
+def exposed(
+    scene: mi.Scene, sensor: mi.Sensor, motion: Motion, spp: int, seed: int, sampled: Sampled
+) -> PointSamples:
+    """Samples of an exposure, ``spp`` a pixel in all of its instants.
+
+    ``sensor`` is a ``potmesil`` or ``potmesil_orthographic``. The scene and the sensor are left as
+    they were found.
+    """
+    with _posed(scene, sensor, motion) as poses:
+        shutter = motion.shutter_of(poses.camera)
+        longest = poses.longest_path(_parts(shutter, motion.frame, 1)[0])
+        count = shutter.instants
+        if count is None:
+            count = min(math.ceil(longest / LONGEST_PATH), MOST_INSTANTS)
+        count = max(1, min(count, spp))
+        beyond = math.ceil(longest / count / 2) if longest >= LEAST_PATH else 0
+        found = []
+        with reported() as report:
+            for i, part in enumerate(_parts(shutter, motion.frame, count)):
+                report("Exposing", i / count)
+                poses.place(part.middle)
+                share = spp // count + (i < spp % count)
+                samples = sampled(share, _seed(seed, i), beyond)
+                found.append(_in_motion(samples, poses, part, (i + 0.5) / count))
+        return _joined(found)
+
+
+def require_motions(scene: mi.Scene, sensor: mi.Sensor, motions: Sequence[Motion]) -> None:
+    """Raise what :func:`exposed` would raise for motions, of the same shapes, of an animation."""
+    if not motions:
+        return
+    shapes, camera = PosedShapes(scene, motions[0].shapes), sensor.camera()
+    centres = {name: shapes.centre(name) for name in motions[0].shapes}
+    for motion in motions:
+        for part in _parts(motion.shutter_of(camera), motion.frame, 1):
+            for frame in part:
+                motion.camera_at(camera, frame)
+                motion.transforms_at(centres, frame)
+
+
+def _parts(shutter: Shutter, frame: float, count: int) -> list[_Part]:
+    """``count`` parts of an exposure in which equally much light comes in."""
+    at = [frame + shutter.frame_when(i / (2 * count)) for i in range(2 * count + 1)]
+    return [_Part(*at[2 * i : 2 * i + 3]) for i in range(count)]
+
+
+def _seed(seed: int, instant: int) -> int:
+    """The seed of an instant: that of the picture for the first."""
+    if instant == 0:
+        return seed
+    return int(mi.sample_tea_32(mi.UInt32(seed), mi.UInt32(instant ^ 0x5EED))[0][0])
+
+
+class _Poses:
+    """A scene and its sensor, which can be posed for any frame."""
+
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, motion: Motion, shapes: PosedShapes
+    ) -> None:
+        self.scene, self.sensor, self.motion, self.shapes = scene, sensor, motion, shapes
+        self.camera: Camera = sensor.camera()
+        self.centres = {name: shapes.centre(name) for name in motion.shapes}
+        self.ids, surfaces = surface_ids(scene)
+        self.moving = {id_: name for id_, name in surfaces.items() if name in motion.shapes}
+
+    def place(self, frame: float) -> None:
+        """Pose the scene."""
+        if self.motion.camera is not None:
+            placed(self.sensor, self.motion.camera_at(self.camera, frame))
+        if self.motion.shapes:
+            self.shapes.place(self.motion.transforms_at(self.centres, frame))
+
+    def restore(self) -> None:
+        """Put everything back to where it was."""
+        if self.motion.camera is not None:
+            placed(self.sensor, self.camera)
+        if self.motion.shapes:
+            self.shapes.place({})
+
+    def path(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, of: Surfaces) -> np.ndarray:
+        """By how much x, y and z change from the begin to the end of a part, float64 (N, 3).
+
+        They are where samples are seen at the middle of the part. 0 for what is behind the camera
+        at one of its ends.
+        """
+        far = ~np.isfinite(z)
+        depth = z.astype(np.float64)
+        depth[far] = BEYOND * max(depth[~far].max(initial=0.0), 1.0)
+        pixels = np.stack([x, y], axis=-1).astype(np.float64)
+        camera = self.motion.camera_at(self.camera, of.part.middle)
+        own = np.asarray(camera.world_from_pixel(pixels, depth))
+        places = []
+        for frame in (of.part.begin, of.part.end):
+            world = self._moved(own, of, frame)
+            camera = self.motion.camera_at(self.camera, frame)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                pixel = camera.pixel_from_world(world, behind="nan")
+            places.append(np.column_stack([pixel, camera.depth_from_world(world)]))
+        path = places[1] - places[0]
+        path[far, 2] = 0
+        path[~np.isfinite(path).all(axis=1) | (np.abs(path[:, 2]) >= 2 * depth)] = 0
+        return path
+
+    def _moved(self, world: np.ndarray, of: Surfaces, frame: float) -> np.ndarray:
+        """Where points of the world, (N, 3), of surfaces are at a frame."""
+        moved = world.copy()
+        before = self.motion.transforms_at(self.centres, of.part.middle)
+        after = self.motion.transforms_at(self.centres, frame)
+        for id_, name in self.moving.items():
+            which = of.surface == id_
+            matrix = after[name] @ np.linalg.inv(before[name])
+            moved[which] = world[which] @ matrix[:3, :3].T + matrix[:3, 3]
+        return moved
+
+    def longest_path(self, exposure: _Part) -> float:
+        """The longest path in the picture, in pixels, of what is met at some times of it."""
+        longest = 0.0
+        for middle in np.linspace(exposure.begin, exposure.end, PROBED):
+            self.place(float(middle))
+            part = exposure._replace(middle=float(middle))
+            x, y, z, surface = self._probed(float(middle))
+            path = self.path(x, y, z, Surfaces(surface, part))
+            longest = max(longest, float(np.hypot(path[:, 0], path[:, 1]).max(initial=0)))
+        return longest
+
+    def _probed(self, frame: float) -> tuple[np.ndarray, ...]:
+        """Pixels, depth and surface of what is met in the crop window at a frame."""
+        camera = self.motion.camera_at(self.camera, frame)
+        (left, top), (width, height) = camera.crop_offset, camera.crop_size
+        middles = (np.arange(PROBES) + 0.5) / PROBES
+        x, y = (of.ravel() for of in np.meshgrid(left + middles * width, top + middles * height))
+        ends = [
+            np.asarray(camera.world_from_pixel(np.stack([x, y], axis=-1), np.full(x.shape, depth)))
+            for depth in (camera.near_clip, 2 * camera.near_clip)
+        ]
+        per_depth = (ends[1] - ends[0]) / camera.near_clip
+        length = np.linalg.norm(per_depth, axis=1)
+        ray = mi.Ray3f(
+            mi.Point3f(*(mi.Float(of.astype(np.float32)) for of in ends[0].T)),
+            mi.Vector3f(*(mi.Float(of.astype(np.float32)) for of in (per_depth.T / length))),
+        )
+        hit = self.scene.ray_intersect(ray, coherent=True, ray_flags=mi.RayFlags.All)
+        z = camera.near_clip + np.array(hit.t).astype(np.float64) / length
+        index = np.where(np.isfinite(z), np.array(registry_index(hit)), 0)
+        surface = np.where(np.isfinite(z), np.array(self.ids)[index], 0)
+        return x, y, z, surface
+
+
+class Surfaces(NamedTuple):
+    """Ids of surfaces, (N,), and the part of the exposure during which they move."""
+
+    surface: np.ndarray
+    part: _Part
+
+
+@contextlib.contextmanager
+def _posed(scene: mi.Scene, sensor: mi.Sensor, motion: Motion) -> Iterator[_Poses]:
+    """A scene that can be posed, and is put back at the end."""
+    poses = _Poses(scene, sensor, motion, PosedShapes(scene, motion.shapes))
+    try:
+        yield poses
+    finally:
+        poses.restore()
+
+
+def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -> PointSamples:
+    """Samples of the ``part`` of an exposure that is half over at a ``time`` of it, 0 to 1."""
+    path = poses.path(samples.x, samples.y, samples.z, Surfaces(samples.surface, part))
+    moves = np.hypot(path[:, 0], path[:, 1]).max(initial=0) >= LEAST_PATH
+    return samples.replace(
+        time=np.full(len(samples), time, np.float32),
+        motion=path.astype(np.float32) if moves or path[:, 2].any() else None,
+    )
+
+
+def _joined(found: list[PointSamples]) -> PointSamples:
+    """The samples of the instants of an exposure as one: each has its part of a pixel's area."""
+    if len(found) == 1:
+        return found[0].replace(time=None) if found[0].motion is None else found[0]
+    columns = Columns.joined(found)
+    weight = columns.weight / np.float32(len(found))
+    names: Mapping[int, str] = found[0].surfaces
+    known = next((of.visibility_radius for of in found if of.visibility is not None), None)
+    first = found[len(found) // 2]
+    return PointSamples(
+        **vars(dataclasses.replace(columns, weight=weight)),
+        camera=first.camera,
+        lens=first.lens,
+        surfaces=names,
+        lattice=first.lattice,
+        window=_around([of.window for of in found]),
+        visibility_radius=known if columns.visibility is not None else None,
+    )
+
+
+def _around(windows: list[Window]) -> Window:
+    """The least window that covers all."""
+    left, top = min(of.left for of in windows), min(of.top for of in windows)
+    right, bottom = max(of.right for of in windows), max(of.bottom for of in windows)
+    return Window(left, top, right - left, bottom - top)
