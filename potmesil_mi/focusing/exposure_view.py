@@ -17,7 +17,7 @@ from .density import evened
 from .fragments import Fragments
 from .gathering import gather_with_known
 from .lens_points import LensPoints
-from .lens_view import LensView, Occluded
+from .lens_view import LensView, Occluded, ViewPyramid
 from .locating import Bins, located_in, one_subpixel_each, places_of
 from .smearing import smeared
 from .visibility import Jitter
@@ -36,7 +36,7 @@ def view_of_exposure(
     alpha: bool,
     lens_points: LensPoints,
     single_points: bool,
-) -> LensView:
+) -> ViewPyramid:
     """The view of samples of an exposure, gathered on ``subpixels`` x ``subpixels`` of a pixel.
 
     The other parameters are those of :func:`potmesil_mi.focusing.gathering.gather` and of
@@ -45,11 +45,12 @@ def view_of_exposure(
     parts = samples.at_instants()
     each = max(LEAST_POINTS, MORE_POINTS * len(lens_points.points) // len(parts))
     bins = _bins(samples, radius_per_vergence)
-    views = []
+    views, densities = [], []
     for part, points in zip(parts, lens_points.at_instants(len(parts), each), strict=True):
         gathered = gather_with_known(part, subpixels, radius_per_vergence, alpha, 0, bins)
         fragments = _with_motion(gathered.fragments, part, subpixels)
-        fragments = evened(fragments, subpixels).fragments
+        found = evened(fragments, subpixels)
+        densities.append(found.density)
         seen = gathered.seen
         if seen is not None:
             pixels = samples.camera.focal_length_pixels * subpixels
@@ -57,7 +58,11 @@ def view_of_exposure(
         views.append(
             LensView.of(fragments, radius_per_vergence, points, single_points, seen_of_known=seen)
         )
-    return _joined(views)
+    density = None
+    if any(of is not None for of in densities):
+        every = [1 if of is None else of for of in densities]
+        density = (sum(every) / np.float32(len(every))).astype(np.float32)
+    return ViewPyramid(_joined(views), density, None)
 
 
 def _with_motion(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:

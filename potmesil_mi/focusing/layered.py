@@ -124,8 +124,7 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
 
     def views() -> ViewPyramid:
         if samples.moves:
-            view = view_of_exposure(samples, subpixels, radius, alpha, lens_points, not diffracts)
-            return ViewPyramid(view, None, None)
+            return view_of_exposure(samples, subpixels, radius, alpha, lens_points, not diffracts)
         found = memo.get(("fragments", about), fragments)
         seen = found.seen
         if seen is not None:

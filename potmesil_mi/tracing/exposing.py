@@ -40,8 +40,8 @@ PROBES = 64
 PROBED = 5
 """Times at which they do."""
 
-LEAST_PATH = 1e-4
-"""Pixels below which nothing moves: rounding does not count as motion."""
+LEAST_PATH = 0.01
+"""Pixels below which nothing moves: blur of that length changes no pixel by more than 1e-3."""
 
 BEYOND = 1e4
 """How far what is infinitely far is, for its path, in multiples of the farthest depth."""
