@@ -56,7 +56,9 @@ def view_of_exposure(
             pixels = samples.camera.focal_length_pixels * subpixels
             seen = points.nearest(seen, part.visibility_points, radius_per_vergence / pixels)
         views.append(
-            LensView.of(fragments, radius_per_vergence, points, single_points, seen_of_known=seen)
+            LensView.of(
+                found.fragments, radius_per_vergence, points, single_points, seen_of_known=seen
+            )
         )
     density = None
     if any(of is not None for of in densities):

@@ -105,7 +105,8 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
     aperture = aperture_behind(exposure.psf)
     radius = exposure.blur.radius_per_vergence
     if radius == 0:
-        samples, radius = samples.visible(), CLOSED_RADIUS
+        # What moves uncovers what is hidden, also before a pinhole.
+        samples, radius = samples if samples.moves else samples.visible(), CLOSED_RADIUS
     elif not how.exact:
         step = math.log1p(2 * SIMILAR_RADIUS)
         radius = math.exp(round(math.log(radius) / step) * step)
