@@ -37,7 +37,7 @@ class BlockImage:
         padded = np.zeros((down * BLOCK, across * BLOCK, channels), np.float32)
         padded[:height, :width] = image
         blocks = _in_blocks(padded)
-        number = numbered(blocks.any(axis=(2, 3, 4)))
+        number = numbered(np.asarray(blocks.any(axis=(2, 3, 4))))
         stored = np.concatenate([np.zeros_like(blocks[:1, 0]), blocks[number > 0]])
         return cls((height, width), number, [stored])
 
@@ -72,7 +72,7 @@ class BlockImage:
         top, left = window.top - place[0].start * BLOCK, window.left - place[1].start * BLOCK
         return image[top : top + window.height, left : left + window.width]
 
-    def whole(self) -> np.ndarray:
+    def dense(self) -> np.ndarray:
         """The whole image, float32 (H, W, C)."""
         return self.part(Window(0, 0, *self.shape[::-1]))
 

@@ -16,7 +16,7 @@ from ..optics.convolution import convolve_cyclically, fast_size, kernel_spectrum
 from ..samples.raster import Window
 from .blocks import BlockImage
 
-TILE = 256
+TILE = 192
 """Width in pixels of tiles, with what is around them."""
 
 TILE_REACHES = 12

@@ -140,7 +140,7 @@ def _light_of(depth_slice: DepthSlice, images: SliceImages) -> SpreadSlice:
         for index, kernel in enumerate(each.kernels)
     ]
     light = spread(*zip(*spread_ones, strict=True))
-    moments = [stack.image(0).whole() for stack in images.moments]
+    moments = [stack.image(0).dense() for stack in images.moments]
     box, resolution = depth_slice.box, depth_slice.resolution
     is_sharp = depth_slice.octaves[0] == 0
     return SpreadSlice(light, box.left, box.top, resolution, is_sharp, moments)
