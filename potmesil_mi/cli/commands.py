@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     import mitsuba as mi
     from rich.console import Console
 
+    from ..samples.point_samples import PointSamples
+
 # ---------------------------------------------------------------- render
 
 RENDER_EXAMPLES = """
@@ -107,16 +109,16 @@ def refocus(options: argparse.Namespace) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
     from ..filters.base import as_filters
-    from ..samples.point_samples import PointSamples
 
     _check_outputs(options.output)
     _require_apart(options.samples, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
+
     # The samples are read while what takes longest to import is imported. Pictures are formed
     # without a variant, too, which takes a fifth of a second to set.
     with ThreadPoolExecutor(1) as pool:
-        loading = pool.submit(PointSamples.load, options.samples)
+        loading = pool.submit(_loaded, options.samples)
         if options.variant is not None:
             set_variant(options.variant)
         from ..focusing import layered  # noqa: F401
@@ -127,6 +129,15 @@ def refocus(options: argparse.Namespace) -> None:
         samples = samples.denoised()
     lens = samples.lens.replace(**given_lens(options))
     _write(focus(samples, lens, method=method, filters=filters), options.output)
+
+
+def _loaded(path: str) -> PointSamples:
+    """The samples of a file, and with them what methods ask of them first, which they keep."""
+    from ..samples.point_samples import PointSamples
+
+    samples = PointSamples.load(path)
+    _ = samples.spp, samples.is_crowded
+    return samples
 
 
 # ---------------------------------------------------------------- compare

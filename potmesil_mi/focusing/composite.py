@@ -13,6 +13,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from .._threads import for_each
 from ..samples.raster import Window
 from .film import FinePicture, interleaved, on_device, rows_and_columns, values_at
 from .fragments import SHARE
@@ -138,7 +139,8 @@ class Compositor:
         """The picture. Where no light came it is 0 and counts nothing."""
         colours = [i for i in range(self.total.shape[-1]) if i != SHARE]
         picture = np.empty((*self.crop.shape, len(colours)), dtype=np.float32)
-        for start in range(0, len(picture), ROWS):
+
+        def finish(start: int) -> None:
             rows = slice(start, start + ROWS)
             total, covered = self.total[rows], self.covered[rows]
             if self.behind is not None:
@@ -147,6 +149,8 @@ class Compositor:
             there = np.where(covered > FAINTEST, covered, np.inf)
             for to, of in enumerate(colours):
                 np.divide(total[..., of], there, out=picture[rows, :, to])
+
+        for_each(finish, range(0, len(picture), ROWS))
         weights = self._weights()
         if self.moments is None:
             return FinePicture(picture, weights)
@@ -159,7 +163,8 @@ class Compositor:
         Elsewhere their light comes from all around, and chance that is their own is but noise.
         """
         lit = (self.covered > FAINTEST).astype(np.float32)
-        if self.density is None or self.sharp is None:
+        alone = self.subpixels == 1 and self.moments is None  # The only one in its pixel.
+        if self.density is None or self.sharp is None or alone:
             return lit
         near = np.zeros(self.crop.shape, dtype=bool)
         both = self.sharp.box.intersection(self.crop)

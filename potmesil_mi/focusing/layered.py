@@ -140,12 +140,12 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
 def _light_of(depth_slice: DepthSlice, images: SliceImages) -> SpreadSlice:
     """The light of a slice after its images were spread by their kernels and added up."""
     spread_ones = [
-        (each.stack.image(index), kernel, each.stack.cells_near_light(index))
+        (each.stack.image(index), kernel)
         for each in images.spread
         for index, kernel in enumerate(each.kernels)
     ]
     light = spread(*zip(*spread_ones, strict=True))
-    moments = [stack.image(0) for stack in images.moments]
+    moments = [stack.image(0).dense() for stack in images.moments]
     box, resolution = depth_slice.box, depth_slice.resolution
     is_sharp = depth_slice.octaves[0] == 0
     return SpreadSlice(light, box.left, box.top, resolution, is_sharp, moments)

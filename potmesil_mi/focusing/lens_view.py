@@ -97,6 +97,12 @@ class Occluded:
         part = self.fragments.between(bins.start, bins.stop)
         return Occluded(self.fragments.chosen(part), self.seen[part], self.points, self.times)
 
+    @functools.cached_property
+    def reach(self) -> float:
+        """How far from the middle of a circle, in its radii, its lens points are at most."""
+        reach = np.hypot(*self.points.T)
+        return float((reach if self.jitter is None else self.jitter.reaches(reach)).max())
+
     @property
     def nbytes(self) -> int:
         """Memory in bytes of the columns on the host."""

@@ -184,7 +184,7 @@ def form_picture(
             picture = apply_filters(picture, filters, frame, pixels_per_mm)
         for grown in (memo, owned):
             grown.trim()
-        return jit.TensorXf(picture.astype(np.float32))
+        return jit.TensorXf(picture.astype(np.float32, copy=False))
 
 
 def _thin_lens(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -20,8 +19,9 @@ import numpy as np
 from .. import _backend as jit
 from ..optics.blur import Blur
 from ..samples.raster import Window
-from .convolve import CELL
+from .blocks import BLOCK, BlockImage, numbered
 from .fragments import FragmentColumns, scatter_mode
+from .lit import lit_by_circles, lit_by_points
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
 
@@ -30,16 +30,29 @@ LEAST_WIDTH = 0.05
 
 
 class ImageStack:
-    """Images, ``count`` of the pixels of ``box``, into which light is scattered ``times`` times."""
+    """Images of the pixels of ``box``, into which light is scattered ``times`` times.
 
-    def __init__(self, count: int, box: Window, channels: int, times: int) -> None:
-        self.shape = (count, *box.shape)
-        size = count * box.size
+    ``lit``, bool (K, h, w), are the blocks of each that may have light; only these are stored.
+    """
+
+    def __init__(self, box: Window, channels: int, times: int, lit: np.ndarray) -> None:
+        self.box, self.number = box, numbered(lit)
+        size = (np.count_nonzero(lit) + 1) * BLOCK**2
         self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
-        self.cells = count, *(size // CELL + 1 for size in box.shape)
-        self.lit = dr.zeros(jit.UInt8, math.prod(self.cells))
+        self._number = jit.UInt32(self.number.ravel())
+
+    def place(
+        self, image: jit.UInt32, column: jit.Int32, row: jit.Int32, active: jit.Bool = True
+    ) -> jit.UInt32:
+        """Where the pixels in the images are stored."""
+        _, down, across = self.number.shape
+        row, column = jit.UInt32(row), jit.UInt32(column)
+        block = image * dr.opaque(jit.UInt32, down) + row // BLOCK
+        block = block * dr.opaque(jit.UInt32, across) + column // BLOCK
+        number = dr.gather(jit.UInt32, self._number, block, active)
+        return (number * BLOCK + row % BLOCK) * BLOCK + column % BLOCK
 
     def add(
         self,
@@ -52,7 +65,7 @@ class ImageStack:
         only_colours: bool = False,
         term: int = 0,
     ) -> None:
-        """Add the ``share`` of fragments' values at their ``place`` in the images, one after other.
+        """Add the ``share`` of fragments' values at the ``place`` where a pixel is stored.
 
         With ``only_colours`` neither the share of the area nor alpha is added. From ``term`` 1 on
         these are not the values but their moments.
@@ -65,37 +78,20 @@ class ImageStack:
             values = dr.gather(jit.Float, columns.alpha[term], fragment, active)
             dr.scatter_add(self.alpha, values * share, place, active, mode=self.mode)
 
-    def mark(
-        self, image: jit.UInt32, column: jit.Int32, row: jit.Int32, active: jit.Bool = True
-    ) -> None:
-        """Mark the cells of pixels of images as lit."""
-        _, down, across = self.cells
-        row, column = jit.UInt32(row) // CELL, jit.UInt32(column) // CELL
-        cell = (image * dr.opaque(jit.UInt32, down) + row) * dr.opaque(jit.UInt32, across) + column
-        dr.scatter(self.lit, jit.UInt8(1), cell, active)
-
     def start(self) -> None:
         """Have the images made, without waiting for them."""
-        dr.eval(self.colours, self.alpha, self.lit)
+        dr.eval(self.colours, self.alpha)
 
-    def image(self, index: int) -> np.ndarray:
-        """One of the images, float32 (H, W, C)."""
-        parts = [part[index] for part in self._on_host]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
-
-    def cells_near_light(self, index: int) -> np.ndarray:
-        """Which cells of one of the images, bool (h, w), are lit or next to those that are."""
-        lit = np.pad(np.asarray(self.lit).reshape(self.cells)[index] > 0, 1)
-        for axis in (0, 1):
-            along = lit.swapaxes(0, axis)
-            along[1:-1] |= along[:-2] | along[2:]
-        return lit[1:-1, 1:-1]
+    def image(self, index: int) -> BlockImage:
+        """One of the images."""
+        return BlockImage(self.box.shape, self.number[index], self._on_host)
 
     @functools.cached_property
     def _on_host(self) -> list[np.ndarray]:
-        """All images, (count, H, W, 4), and their alpha, (count, H, W, 1), if there is any."""
+        """The blocks of all images, RGB and share of each pixel, and their alpha, if any."""
         parts = [part for part in (self.colours, self.alpha) if part is not None]
-        return [np.asarray(part).reshape(*self.shape, -1) for part in parts]
+        size = self.colours.shape[0] // 4
+        return [np.asarray(part).reshape(-1, BLOCK, BLOCK, len(part) // size) for part in parts]
 
 
 class KernelImages(NamedTuple):
@@ -136,15 +132,17 @@ def _splat_moments(depth_slice: DepthSlice, channels: int) -> list[ImageStack]:
         on_device = each.occluded.on_device
         kinds.append((on_device.fragments, each.part, on_device.seen_sum))
     times = sum(part.stop - part.start for _, part, _ in kinds)
-    stacks = [ImageStack(1, box, channels, times) for _ in range(depth_slice.moments)]
+    every = np.ones((1, *(-(-size // BLOCK) for size in box.shape)), bool)
+    stacks = [ImageStack(box, channels, times, every) for _ in range(depth_slice.moments)]
     for columns, part, seen in kinds:
         if not stacks or part.start == part.stop or columns.offset is not None:
             continue
         fragment = dr.arange(jit.UInt32, part.stop - part.start)
         fragment += dr.opaque(jit.UInt32, part.start)
         share = jit.Float(1) if seen is None else dr.gather(jit.Float, seen, fragment)
-        place = _place(*_column_and_row(columns, fragment, box), box)
+        column, row = _column_and_row(columns, fragment, box)
         for term, stack in enumerate(stacks, 1):
+            place = stack.place(jit.UInt32(0), column, row)
             stack.add(columns, fragment, place, share, term=term)
     return stacks
 
@@ -153,26 +151,23 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
     """Unoccluded fragments in images of the kernel radii around theirs."""
     columns, part, box = circles.fragments.on_device, circles.part, depth_slice.box
     count = part.stop - part.start
-    stack = ImageStack(len(circles.kernels), box, channels, 2 * count)
+    stack = ImageStack(box, channels, 2 * count, lit_by_circles(circles, box))
     fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
-    size = dr.opaque(jit.UInt32, box.size)
     column, row = _column_and_row(columns, fragment, box)
     kernel, share = _between_kernels(columns, fragment, circles, depth_slice.blur)
-    place = kernel * size + _place(column, row, box)
-    stack.mark(kernel, column, row)
-    stack.add(columns, fragment, place, 1 - share)
+    stack.add(columns, fragment, stack.place(kernel, column, row), 1 - share)
     if len(circles.kernels) > 1:
-        stack.mark(kernel + 1, column, row, share > 0)
-        stack.add(columns, fragment, place + size, share, share > 0)
+        beyond = stack.place(kernel + 1, column, row)
+        stack.add(columns, fragment, beyond, share, share > 0)
     if len(circles.single_points):
         chosen = jit.UInt32(circles.single_points - part.start)
-        fragment, place, share = (
-            dr.gather(type(column), column, chosen) for column in (fragment, place, share)
+        fragment, column, row, kernel, share = (
+            dr.gather(type(of), of, chosen) for of in (fragment, column, row, kernel, share)
         )
-        for step, moved in _moved(circles, box.width):
-            for beyond, of_it in ((0, 1 - share), (size, share)):
-                there = place + step + beyond
+        for across, down, moved in _moved(circles):
+            for beyond, of_it in ((0, 1 - share), (1, share)):
+                there = stack.place(kernel + beyond, column + across, row + down, of_it > 0)
                 stack.add(columns, fragment, there, moved * of_it, of_it > 0, only_colours=True)
     stack.start()
     return KernelImages(stack, circles.kernels)
@@ -194,10 +189,10 @@ def _between_kernels(
     return kernel, dr.clip((dr.square(radius) - first) * step, 0, 1)
 
 
-def _moved(circles: CirclePlan, width: int) -> Iterator[tuple[jit.Int32, jit.Float]]:
+def _moved(circles: CirclePlan) -> Iterator[tuple[int, int, jit.Float]]:
     """What moves single points from the middles of their pixels to where they are in them.
 
-    Yields steps in the image to pixels around, and what these get, less what is there: the
+    Yields steps across and down to pixels around, and what these get, less what is there: the
     weights with which a pattern is interpolated between ``2 moved_reach + 1`` pixels, by
     polynomials of that degree less one, or linearly for 1, as narrow patterns must be.
     """
@@ -212,7 +207,7 @@ def _moved(circles: CirclePlan, width: int) -> Iterator[tuple[jit.Int32, jit.Flo
         ]
     for (dx, x), (dy, y) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
         share = x[:, 0] * y[:, 1] - (dx == 0 and dy == 0)
-        yield jit.Int32(int(dy) * width + int(dx)), jit.Float(share.astype(np.float32))
+        yield int(dx), int(dy), jit.Float(share.astype(np.float32))
 
 
 def _splat_points(
@@ -226,7 +221,7 @@ def _splat_points(
     on_device, count = occluded.on_device, occluded.count
     columns = on_device.fragments
     lanes = (part.stop - part.start) * count
-    stack = ImageStack(len(points.kernels), box, channels, 4 * lanes)
+    stack = ImageStack(box, channels, 4 * lanes, lit_by_points(depth_slice, points))
     lane = dr.arange(jit.UInt32, lanes)
     fragment = lane // dr.opaque(jit.UInt32, count)
     point = lane - fragment * dr.opaque(jit.UInt32, count)
@@ -259,21 +254,20 @@ def _splat_points(
         )
     )
     x0, y0 = dr.floor(x), dr.floor(y)
-    width = dr.opaque(jit.UInt32, box.width)
+    column, row = jit.Int32(x0), jit.Int32(y0)
     octave = jit.UInt32(0)
     for edge in depth_slice.octaves[1 : len(points.kernels)]:
         octave += dr.select(dr.abs(radius) >= dr.opaque(jit.Float, edge), 1, 0)
-    place = octave * dr.opaque(jit.UInt32, box.size) + _place(jit.Int32(x0), jit.Int32(y0), box)
-    stack.mark(octave, jit.Int32(x0), jit.Int32(y0), seen > 0)
     seen *= own * own
     added = orders(degree_with(len(moments))) if columns.offset is not None else []
     for across, down in itertools.product(_parts(x - x0, wide[0]), _parts(y - y0, wide[1])):
-        beside = place + down.step * width + across.step
+        beside = column + across.step, row + down.step
         share = across.share * down.share * seen
-        stack.add(columns, fragment, beside, share, seen > 0)
+        stack.add(columns, fragment, stack.place(octave, *beside, seen > 0), share, seen > 0)
         for (i, j), moment in zip(added, moments, strict=False):
             there = share * across.means[i] * down.means[j]
-            moment.add(columns, fragment, beside, there, seen > 0)
+            place = moment.place(jit.UInt32(0), *beside, seen > 0)
+            moment.add(columns, fragment, place, there, seen > 0)
     stack.start()
     return KernelImages(stack, points.kernels)
 
@@ -347,8 +341,3 @@ def _column_and_row(
     column = dr.gather(jit.Int32, columns.x, fragment) - dr.opaque(jit.Int32, box.left)
     row = dr.gather(jit.Int32, columns.y, fragment) - dr.opaque(jit.Int32, box.top)
     return column, row
-
-
-def _place(column: jit.Int32, row: jit.Int32, box: Window) -> jit.UInt32:
-    """Index of pixels in an image of ``box``."""
-    return jit.UInt32(row * dr.opaque(jit.Int32, box.width) + column)

@@ -123,6 +123,13 @@ class Jitter:
         self.outwards = jit.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
         self.cell = cell
 
+    def reaches(self, radii: np.ndarray) -> np.ndarray:
+        """How far out points are moved, (M,), that are so far from the middle of the lens."""
+        if self.cell > 0:
+            return radii + self.cell
+        point = np.arange(len(radii))
+        return radii * np.sqrt((point + 1) / (point + 0.5))
+
     def moved(
         self, u: jit.Float, v: jit.Float, point: jit.UInt32, fragment: jit.UInt32
     ) -> tuple[jit.Float, jit.Float]:

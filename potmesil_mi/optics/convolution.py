@@ -70,18 +70,21 @@ def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
 
 
 def convolve_cyclically(
-    images: Sequence[tuple[np.ndarray, np.ndarray]], frame: tuple[int, int], workers: int = 1
+    images: Sequence[tuple[np.ndarray, int, np.ndarray]], frame: tuple[int, int], workers: int = 1
 ) -> np.ndarray:
     """The sum of images, each with the spectrum that spreads it, by one inverse transform.
 
-    Images are float32 (H, W, C), with C channels, and no larger than the ``frame``, to which the
-    sum is filled up; spectra, see :func:`kernel_spectrum`, have all channels. What leaves the frame
-    on one side comes in on the other.
+    Images are float32 (H, W, C), with C channels, and fit into the ``frame`` from the row on that
+    is given with each; the frame is filled up with zeros. Spectra, see :func:`kernel_spectrum`,
+    have all channels. What leaves the frame on one side comes in on the other.
     """
     total = np.zeros(0, dtype=np.complex64)
+    height, width = frame
     with scipy.fft.set_workers(workers):
-        for image, spectrum in images:
-            light = scipy.fft.rfft2(image, frame, axes=(0, 1))
+        for image, top, spectrum in images:
+            light = np.zeros((height, width // 2 + 1, image.shape[2]), np.complex64)
+            light[top : top + len(image)] = scipy.fft.rfft(image, width, axis=1)
+            light = scipy.fft.fft(light, axis=0, overwrite_x=True)
             light *= spectrum
             total = np.add(total, light, out=total) if total.size else light
         return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)

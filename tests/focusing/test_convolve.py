@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.ndimage
 
-from potmesil_mi.focusing.convolve import CELL, TILE, spread
-from potmesil_mi.focusing.slices import MOVED_REACH
+from potmesil_mi.focusing.blocks import BlockImage
+from potmesil_mi.focusing.convolve import TILE, spread
 
 RNG = np.random.default_rng(0)
 BORDER = 6
@@ -34,47 +34,32 @@ KERNELS = [np.ones(1), ROW, RNG.uniform(0, 1, (5, 9)), RNG.uniform(0, 1, (11, 3)
 def test_an_image_is_convolved_with_its_kernel(kernel, channels):
     light = image(channels)
     np.testing.assert_allclose(
-        spread([light], [kernel]), directly(light, kernel), rtol=1e-4, atol=2e-5
+        spread([BlockImage.of(light)], [kernel]), directly(light, kernel), rtol=1e-4, atol=2e-5
     )
 
 
 def test_images_with_kernels_and_rows_add_up():
     images = [image() for _ in KERNELS]
     expected = sum(directly(light, kernel) for light, kernel in zip(images, KERNELS, strict=True))
-    found = spread(images, KERNELS)
+    found = spread([BlockImage.of(light) for light in images], KERNELS)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=5e-5)
     assert found.dtype == np.float32
 
 
-@pytest.mark.parametrize("marked", [False, True])
-def test_large_images_are_spread_as_well(marked):
+def test_large_images_are_spread_as_well():
     size = 2 * TILE + 50, 3 * TILE + 20
     images = [image(size=size) for _ in KERNELS]
     for empty in images[1:]:
         empty[: TILE + 9], empty[:, 2 * TILE - 7 :] = 0, 0
     expected = sum(directly(light, kernel) for light, kernel in zip(images, KERNELS, strict=True))
-    lit = [cells(light) for light in images] if marked else None
-    found = spread(images, KERNELS, lit)
+    found = spread([BlockImage.of(light) for light in images], KERNELS)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=5e-5)
-
-
-def cells(light):
-    """Which cells of an image are lit."""
-    height, width = (size // CELL + 1 for size in light.shape[:2])
-    result = np.zeros((height, width), dtype=bool)
-    rows, columns = np.nonzero(light.any(axis=-1))
-    result[rows // CELL, columns // CELL] = True
-    return result
-
-
-def test_cells_beside_those_that_are_lit_cover_what_is_moved():
-    assert MOVED_REACH <= CELL
 
 
 def test_spreading_is_linear_and_its_adjoint_spreads_by_the_mirrored_kernel():
     x, y = image(), image()
     for kernel in KERNELS:
         mirrored = kernel[::-1] if kernel.ndim == 1 else kernel[::-1, ::-1]
-        forward = np.vdot(spread([x], [kernel]).astype(float), y)
-        backward = np.vdot(x, spread([y], [mirrored]).astype(float))
+        forward = np.vdot(spread([BlockImage.of(x)], [kernel]).astype(float), y)
+        backward = np.vdot(x, spread([BlockImage.of(y)], [mirrored]).astype(float))
         assert forward == pytest.approx(backward, rel=1e-5)
