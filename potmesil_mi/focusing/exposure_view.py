@@ -22,6 +22,9 @@ from .locating import Bins, located_in, one_subpixel_each, places_of
 from .smearing import smeared
 from .visibility import Jitter
 
+LEAST_BINS = 64
+"""Bins from the nearest to the farthest depth, at least."""
+
 LEAST_POINTS = 8
 """Lens points that look at each part of an exposure, at least."""
 
@@ -101,13 +104,20 @@ def _with_motion(fragments: Fragments, samples: PointSamples, subpixels: int) ->
 
 
 def _bins(samples: PointSamples, radius_per_vergence: float) -> Bins:
-    """Bins for all depths that samples have while they move."""
+    """Bins for all depths that samples have while they move.
+
+    What moves hides what is behind it before a small lens, too: there are at least ``LEAST_BINS``.
+    """
     ends = [samples.z]
     if samples.motion is not None:
         ends += [samples.z + side * samples.motion[:, 2] for side in (-0.5, 0.5)]
     if samples.through is not None:
         ends.append(np.where(samples.through > 0, samples.through, samples.z))
-    return Bins.of(ends[0], radius_per_vergence, *ends[1:])
+    bins = Bins.of(ends[0], radius_per_vergence, *ends[1:])
+    depths = max(float(np.max(1 / of)) for of in ends) - bins.vergence_min
+    if depths > 0:
+        bins = bins._replace(width=min(bins.width, depths / LEAST_BINS))
+    return bins
 
 
 def _joined(views: Sequence[LensView]) -> LensView:

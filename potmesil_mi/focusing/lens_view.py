@@ -100,7 +100,7 @@ class Occluded:
     @functools.cached_property
     def reach(self) -> float:
         """How far from the middle of a circle, in its radii, its lens points are at most."""
-        reach = np.hypot(*self.points.T)
+        reach = np.hypot(self.points[..., 0], self.points[..., 1]).max(axis=0)
         return float((reach if self.jitter is None else self.jitter.reaches(reach)).max())
 
     @property

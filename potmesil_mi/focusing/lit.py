@@ -39,17 +39,23 @@ def lit_by_circles(circles: CirclePlan, box: Window) -> np.ndarray:
 def lit_by_points(depth_slice: DepthSlice, points: PointPlan) -> np.ndarray:
     """Which blocks of the images of occluded fragments may have light, bool (K, h, w).
 
-    The light of a lens point is no farther from the fragment than its circle reaches.
+    The light of a lens point is no farther from the fragment than its circle and its path reach.
     """
     box, blur, count = depth_slice.box, depth_slice.blur, len(points.kernels)
     some, part = points.occluded.fragments, points.part
     radii = np.abs(some.vergence[part] - np.float32(blur.focused_vergence))
     radii *= np.float32(blur.radius_per_vergence)
+    along, deeper = np.zeros_like(radii), np.zeros_like(radii)
+    if some.motion is not None:
+        motion = np.abs(some.motion[part]) / 2
+        along = motion[:, :2].max(axis=1) / points.pixel
+        deeper = motion[:, 2] * np.float32(blur.radius_per_vergence)
     x, y = (
         of[part] // points.pixel - first for of, first in ((some.x, box.left), (some.y, box.top))
     )
     # Coarse pixels and cells make circles smaller: they may be those of the octave before.
-    least = radii**2 * np.float32(1 - points.cell**2) - np.float32(4 * depth_slice.smeared)
+    least, radii = np.maximum(radii - deeper, 0), radii + deeper
+    least = least**2 * np.float32(1 - points.cell**2) - np.float32(4 * depth_slice.smeared)
     least = np.sqrt(np.maximum(least, 0))
     edges = np.array(depth_slice.octaves[1:count], np.float32)
     first = np.searchsorted(edges * np.float32(1 + ROUNDING), least, side="right")
@@ -59,7 +65,8 @@ def lit_by_points(depth_slice: DepthSlice, points: PointPlan) -> np.ndarray:
         here = (first <= octave) & (octave <= last)
         cells = _dark(1, box, CELL)
         _mark(cells, 0, x[here], y[here], CELL)
-        reach = points.occluded.reach * float(radii[here].max(initial=0)) + BESIDE
+        reach = points.occluded.reach * radii[here] + along[here]
+        reach = float(reach.max(initial=0)) + BESIDE
         size = 2 * math.ceil(reach / CELL) + 1
         near = scipy.ndimage.maximum_filter(cells[0], size, mode="constant")
         down, across = lit.shape[1:]

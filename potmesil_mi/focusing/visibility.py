@@ -234,10 +234,12 @@ def _may_be_covered(
     np.maximum.at(nearest, subpixel[others], parallax[others])
     result = np.zeros(len(fragments), dtype=bool)
     distance, before = 1, 0
+    bin_radius = fragments.bin_width * abs(radius_per_vergence)
+    slant = SLANT_BINS * min(BIN_RADIUS, bin_radius)
     largest = float(nearest.max()) - float(parallax.min())
     while before <= min(largest + 1 + apart, max(height, width)):
         around = scipy.ndimage.maximum_filter(nearest.reshape(height, width), 2 * distance + 1)
-        least = max(before - 1 - apart, SLANT_BINS * BIN_RADIUS)
+        least = max(before - 1 - apart, slant)
         result |= around.ravel()[subpixel] - parallax >= least
         distance, before = math.ceil(1.5 * (distance + 1)), distance
     return result

@@ -12,6 +12,9 @@ import math
 import numpy as np
 import scipy.ndimage
 
+APART = 1.01
+"""Ratio of depths from which on two surfaces are counted as one before the other."""
+
 GROWTH = 1.25
 """Ratio of the distances at which silhouettes are looked for."""
 
@@ -41,3 +44,13 @@ def disoccluded(
         before = distance
         distance = max(distance + 1, math.ceil(distance * GROWTH))
     return result
+
+
+def uncovered(nearest: np.ndarray, farthest: np.ndarray, reach: float) -> np.ndarray:
+    """Pixels in which motion of up to ``reach`` pixels may uncover what is hidden, bool (H, W).
+
+    ``nearest`` and ``farthest`` are as in :func:`disoccluded`. It does where a farther surface is
+    seen within reach.
+    """
+    behind = scipy.ndimage.maximum_filter(farthest, 2 * math.ceil(reach) + 1, mode="nearest")
+    return behind > nearest * np.float32(APART)

@@ -26,6 +26,7 @@ from ..samples.raster import Window
 from .posing import PosedShapes
 from .sensor import placed
 from .shapes import registry_index, surface_ids
+from .sweeping import Ends, Sweep
 
 LONGEST_PATH = 10.0
 """Pixels that a sample moves in the part of the exposure that it stands for, where there may be as
@@ -46,9 +47,8 @@ LEAST_PATH = 0.01
 BEYOND = 1e4
 """How far what is infinitely far is, for its path, in multiples of the farthest depth."""
 
-Sampled = Callable[[int, int, int], PointSamples]
-"""Samples of the scene as it is posed: how many a pixel, of which seed, and how many pixels beyond
-what the lens sees."""
+Sampled = Callable[[int, int, "Sweep | None"], PointSamples]
+"""Samples of the scene as it is posed: how many a pixel, of which seed, and what moves."""
 
 
 class _Part(NamedTuple):
@@ -74,14 +74,15 @@ def exposed(
         if count is None:
             count = min(math.ceil(longest / LONGEST_PATH), MOST_INSTANTS)
         count = max(1, min(count, spp))
-        beyond = math.ceil(longest / count / 2) if longest >= LEAST_PATH else 0
+        reach = longest / count / 2
         found = []
         with reported() as report:
             for i, part in enumerate(_parts(shutter, motion.frame, count)):
                 report("Exposing", i / count)
                 poses.place(part.middle)
                 share = spp // count + (i < spp % count)
-                samples = sampled(share, _seed(seed, i), beyond)
+                sweep = poses.sweep(part, reach) if longest >= LEAST_PATH else None
+                samples = sampled(share, _seed(seed, i), sweep)
                 found.append(_in_motion(samples, poses, part, (i + 0.5) / count))
         return _joined(found)
 
@@ -122,6 +123,7 @@ class _Poses:
         self.camera: Camera = sensor.camera()
         self.centres = {name: shapes.centre(name) for name in motion.shapes}
         self.ids, surfaces = surface_ids(scene)
+        self.surface_count = max(surfaces)
         self.moving = {id_: name for id_, name in surfaces.items() if name in motion.shapes}
 
     def place(self, frame: float) -> None:
@@ -129,7 +131,7 @@ class _Poses:
         if self.motion.camera is not None:
             placed(self.sensor, self.motion.camera_at(self.camera, frame))
         if self.motion.shapes:
-            self.shapes.place(self.motion.transforms_at(self.centres, frame))
+            self.shapes.place(self._transforms(frame))
 
     def restore(self) -> None:
         """Put everything back to where it was."""
@@ -165,13 +167,32 @@ class _Poses:
     def _moved(self, world: np.ndarray, of: Surfaces, frame: float) -> np.ndarray:
         """Where points of the world, (N, 3), of surfaces are at a frame."""
         moved = world.copy()
-        before = self.motion.transforms_at(self.centres, of.part.middle)
-        after = self.motion.transforms_at(self.centres, frame)
+        before, after = self._transforms(of.part.middle), self._transforms(frame)
         for id_, name in self.moving.items():
             which = of.surface == id_
             matrix = after[name] @ np.linalg.inv(before[name])
             moved[which] = world[which] @ matrix[:3, :3].T + matrix[:3, 3]
         return moved
+
+    def sweep(self, part: _Part, reach: float) -> Sweep:
+        """What moves in a part of an exposure, things by up to ``reach`` pixels to each side."""
+        ends = []
+        camera, before = self._view(part.middle), self._transforms(part.middle)
+        for frame in (part.begin, part.end):
+            after = self._transforms(frame)
+            shapes = {
+                id_: after[name] @ np.linalg.inv(before[name]) for id_, name in self.moving.items()
+            }
+            ends.append(Ends(shapes, self._view(frame) @ np.linalg.inv(camera)))
+        return Sweep.of(reach, self.surface_count, ends)
+
+    def _view(self, frame: float) -> np.ndarray:
+        """Where the camera stands and looks at a frame, (4, 4)."""
+        return self.motion.camera_at(self.camera, frame).world_from_camera()
+
+    def _transforms(self, frame: float) -> dict[str, np.ndarray]:
+        """The matrices of shapes that move, by their names."""
+        return self.motion.transforms_at(self.centres, frame)
 
     def longest_path(self, exposure: _Part) -> float:
         """The longest path in the picture, in pixels, of what is met at some times of it."""

@@ -7,6 +7,7 @@ place of the paper's ray tracer.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Protocol, runtime_checkable
 
 import drjit as dr
@@ -37,6 +38,7 @@ from .seen_through import SeenThrough, seen_through
 from .sensor import pick_sensor, with_lens
 from .shapes import surface_ids
 from .splitting import split
+from .sweeping import Sweep
 from .transmission import VeilKinds, veil_kinds
 
 SAME_DEPTH = 1e-5
@@ -106,9 +108,9 @@ def render_samples(
     require_whole("seed", seed, 0, 2**32 - 1)
     own: mi.SamplingIntegrator = integrator
 
-    def sampled(spp: int, seed: int, beyond: int = 0) -> PointSamples:
+    def sampled(spp: int, seed: int, sweep: Sweep | None = None) -> PointSamples:
         passes = Passes(sensor.sampler(), spp, seed)
-        return _sampled(scene, sensor, own, passes, sampling, beyond)
+        return _sampled(scene, sensor, own, passes, sampling, sweep)
 
     with dr.suspend_grad():
         if motion is None:
@@ -122,11 +124,11 @@ def _sampled(
     integrator: mi.SamplingIntegrator,
     passes: Passes,
     sampling: Sampling | None,
-    beyond: int,
+    sweep: Sweep | None,
 ) -> PointSamples:
     """The stage itself: a window, the samples that the pinhole sees in it, and hidden ones.
 
-    The window is so many pixels larger, ``beyond`` what is asked for.
+    A ``sweep`` makes the window larger, and brings more into sight.
     """
     sampling = sampling or Sampling()
     ids, surfaces = surface_ids(scene)
@@ -151,10 +153,11 @@ def _sampled(
     else:
         on_grid = sampling.pattern != "sampler"
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
-    window = window.grown(beyond)
+    if sweep is not None:
+        window = window.grown(math.ceil(sweep.reach))
     fireflies = Fireflies.of(scene, ids, sampling.clamp)
     visible = sample_visible(rays, window, sampling, fireflies)
-    columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers)
+    columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers, sweep)
     rgb = fireflies.clamped(columns.rgb, columns.surface, columns.z)
     columns = dataclasses.replace(columns, rgb=rgb)
     fireflies.warn(columns, crop)
@@ -175,10 +178,11 @@ def _with_hidden(
     window: Window,
     widest: ThinLens | TelecentricLens,
     layers: int,
+    sweep: Sweep | None,
 ) -> tuple[Columns, tuple[float, float]]:
     """``visible``, and what the widest lens sees behind them and in windows beside them.
 
-    Also returns the half-widths of that lens.
+    In a ``sweep`` also what it sees at its ends. Also returns the half-widths of that lens.
     """
     buffer, paths = visible.buffer, 1 if visible.lattice == 0 else rays.passes.spp
     first, start = buffer.columns(), np.empty(0, np.float32)
@@ -191,9 +195,9 @@ def _with_hidden(
         places = first.x[onward], first.y[onward], np.zeros(len(onward), np.float32)
         seen = seen_through(*places, rays, lens).among(primary, onward)
     if layers > 1:
-        chosen = _may_hide(rays, first, seen, window, widest)
+        chosen = _may_hide(rays, first, seen, window, widest, sweep)
         if len(chosen) > 0:
-            start = add_hidden(buffer, chosen, rays, lens, layers, paths)
+            start = add_hidden(buffer, chosen, rays, lens, layers, paths, sweep)
     lobes = []
     if seen is not None and rays.may_part_light:
         lobes = part_lobes(buffer, visible.goes_on, seen.through, rays, lens, paths, layers)
@@ -240,6 +244,7 @@ def _may_hide(
     seen: SeenThrough | None,
     window: Window,
     widest: ThinLens | TelecentricLens,
+    sweep: Sweep | None,
 ) -> np.ndarray:
     """Which of the samples ``first``, int (n,), may have something behind them that is seen."""
     camera, lens = rays.sensor.camera(), widest
@@ -250,7 +255,7 @@ def _may_hide(
     if seen is not None:
         depth = np.where(seen.through > 0, seen.through, first.z)
         first = dataclasses.replace(first, z=depth)
-    return may_hide(first, window, lens, camera)
+    return may_hide(first, window, lens, camera, 0.0 if sweep is None else sweep.reach)
 
 
 def _crop_window(film: mi.Film) -> Window:

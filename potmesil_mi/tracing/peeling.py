@@ -23,10 +23,11 @@ from ..samples.columns import Columns
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
-from .disocclusion import disoccluded
+from .disocclusion import disoccluded, uncovered
 from .lens_rays import LENS_POINTS, LensRays, Target
 from .passes import wavefronts
 from .rays import PrimaryRays
+from .sweeping import Sweep
 from .virtual_depth import Visible
 
 LABEL = "Hidden surfaces"
@@ -97,10 +98,12 @@ def add_hidden(
     lens: LensRays,
     layers: int,
     paths: int,
+    sweep: Sweep | None = None,
 ) -> np.ndarray:
     """Add what lies behind the samples that there are, up to ``layers`` surfaces in all on a ray.
 
-    ``chosen``, int (n,), are the numbers of those behind which the ``lens`` may see something.
+    ``chosen``, int (n,), are the numbers of those behind which the ``lens`` may see something,
+    also at other times of a ``sweep``.
     What is found is shaded by ``paths`` paths each. Returns where on its primary ray each added
     sample's own begins, float32 (N,): see ``start`` of :class:`Hidden`.
     """
@@ -110,7 +113,8 @@ def add_hidden(
     for part in track(wavefronts(len(chosen), USUALLY_MET), LABEL):
         number = chosen[part]
         place = first.x[number], first.y[number], first.z[number]
-        parts.append(peeled(number, *place, cells[part], rays, lens, layers))
+        hides = None if sweep is None else (sweep, first.surface[number])
+        parts.append(peeled(number, *place, cells[part], rays, lens, layers, hides))
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
@@ -126,12 +130,14 @@ def peeled(
     rays: PrimaryRays,
     lens: LensRays,
     layers: int,
+    hides: tuple[Sweep, np.ndarray] | None = None,
 ) -> Hidden:
     """What the primary rays ``chosen`` meet behind the first surface, and the lens sees.
 
     ``chosen``, uint32 (N,), are their numbers, ``x``, ``y`` their positions in pixels of the film,
     ``z`` the depths of what they show first, ``cells`` the numbers of the cells in which they lie,
-    uint32. Of what a mirror or glass shows it is these behind which something is hidden.
+    uint32. Of what a mirror or glass shows it is these behind which something is hidden. ``hides``
+    are the sweep of an exposure and the surfaces that the rays show first, uint32 (N,).
     """
     steps = SIDES * layers - 1
     number = from_numpy(mi.UInt32, chosen)
@@ -141,7 +147,14 @@ def peeled(
         return Hidden.joined([])
     cell = dr.gather(mi.UInt32, from_numpy(mi.UInt32, cells), met.ray)
     target = met.target(rays.begun_at(dr.gather(mi.Point2f, position, met.ray), 0), number)
-    kept = dr.compress(_sees(lens, target, cell, met.step, met.surface))
+    sees = _sees(lens, target, cell, met.step, met.surface)
+    if hides is not None:
+        sweep, first = hides
+        left = dr.compress(~sees)
+        hider = dr.gather(mi.UInt32, from_numpy(mi.UInt32, first), met.ray)
+        unseen = (dr.gather(type(of), of, left) for of in (target, met.surface, hider))
+        dr.scatter(sees, sweep.shows(lens, *unseen), left)
+    kept = dr.compress(sees)
     of = target.number, met.step, met.start, met.z, met.surface
     columns = [np.array(dr.gather(type(each), each, kept)) for each in of]
     order = np.lexsort((columns[1], columns[0]))
@@ -341,14 +354,16 @@ def _pixel_of(window: Window, x: mi.Float, y: mi.Float) -> mi.UInt32:
     return mi.UInt32(row * window.width + column)
 
 
-def may_hide(visible: Columns, window: Window, lens: ThinLens, camera: Camera) -> np.ndarray:
+def may_hide(
+    visible: Columns, window: Window, lens: ThinLens, camera: Camera, reach: float = 0.0
+) -> np.ndarray:
     """Which samples, int (n,), may have something behind them that the lens sees.
 
     ``visible`` are the samples of layer 0, in ``window``. A pixel is chosen whole; any focus
-    from its nearest depth on is counted.
+    from its nearest depth on is counted. Things move up to ``reach`` pixels meanwhile.
     """
     scale = widest_radius_per_vergence(lens, camera, float(visible.z.min()))
-    if scale == 0:
+    if scale == 0 and reach == 0:
         return np.empty(0, dtype=np.int64)
     columns = (visible.x, visible.y, visible.z)
     x, y, depth = (from_numpy(mi.Float, column) for column in columns)
@@ -359,5 +374,8 @@ def may_hide(visible: Columns, window: Window, lens: ThinLens, camera: Camera) -
     dr.scatter_reduce(dr.ReduceOp.Max, farthest, depth, index)
     dr.eval(nearest, farthest)
     near, far = (np.array(ends).reshape(window.shape) for ends in (nearest, farthest))
-    chosen = from_numpy(mi.Bool, disoccluded(near, far, scale).ravel())
+    pixels = disoccluded(near, far, scale)
+    if reach > 0:
+        pixels |= uncovered(near, far, reach)
+    chosen = from_numpy(mi.Bool, pixels.ravel())
     return np.array(dr.compress(dr.gather(mi.Bool, chosen, index))).astype(np.int64)
