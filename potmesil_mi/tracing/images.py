@@ -32,8 +32,8 @@ TRIED_IN_A_PIXEL = 256
 by each at least."""
 
 CLEAR_TURNS = 4
-"""Behind more surfaces that turn rays a quarter as many are tried. Rays cost more there, and none
-is like the next: there is no rim that would be seen."""
+"""Behind each so many surfaces more that turn rays a quarter as many are tried: rays cost more
+there, and each goes its own way, so that no rim shows."""
 
 ALL = 2**VISIBILITY_POINTS - 1
 """``visibility`` of what all points of the lens see."""
@@ -108,11 +108,9 @@ def visibility_of(
     more = points_of(number, count) & ~(known | sure)
     known |= sure | more
     seen |= seen_by(image, more, lens) | sees
-    for each in np.unique(count):
-        rest = np.flatnonzero((known != ALL) & (count == each))
-        if len(rest) > 0:
-            of = np.flatnonzero(count == each)
-            seen[of] = told(seen[of], known[of], number[of], int(each), in_pixel[of])
+    for each in np.unique(count[known != ALL]):
+        of = np.flatnonzero(count == each)
+        seen[of] = told(seen[of], known[of], number[of], int(each), in_pixel[of])
     return seen
 
 
@@ -121,8 +119,9 @@ def _counts(turns: np.ndarray, wanted: float) -> np.ndarray:
 
     ``wanted`` are as many as images behind a few turns are to try.
     """
-    most = min(2 ** round(math.log2(wanted)), VISIBILITY_POINTS)
-    return np.maximum(np.where(turns > CLEAR_TURNS, most / 4, most), FEW_POINTS).astype(np.int64)
+    most = min(max(2 ** round(math.log2(wanted)), FEW_POINTS), VISIBILITY_POINTS)
+    further = np.maximum(turns.astype(np.int64) - 1, 0) // CLEAR_TURNS
+    return np.maximum(most >> (2 * further), FEW_POINTS)
 
 
 def seen_by(image: VirtualImage, points: np.ndarray, lens: LensRays) -> np.ndarray:
