@@ -98,18 +98,25 @@ def visibility_of(
     kind, _ = grouped(np.array(surfaces))
     column, row = (np.floor(at - at.min()).astype(np.uint64) for at in (x, y))
     in_cell, in_pixel = (
-        grouped(place)[0] * (int(kind.max()) + 1) + kind
+        grouped(grouped(place)[0] * (int(kind.max()) + 1) + kind)[0]
         for place in (cell, row * (column.max() + 1) + column)
     )
     known = points_of(number, FEW_POINTS)
     seen = seen_by(image, known, lens)
-    sure, sees = agreed(seen, known, in_cell)
+    # Most cells see everything: that is soon said.
+    clear = np.bincount(in_cell) * FEW_POINTS >= VISIBILITY_POINTS
+    clear &= np.bincount(in_cell, seen != known) == 0
+    rest = np.flatnonzero(~clear[in_cell])
+    sure, sees = np.full_like(seen, ALL), np.full_like(seen, ALL)
+    sure[rest], sees[rest] = agreed(seen[rest], known[rest], in_cell[rest])
     count = _counts(np.array(chain.turns), in_a_pixel / lens.rays.passes.spp)
     more = points_of(number, count) & ~(known | sure)
     known |= sure | more
     seen |= seen_by(image, more, lens) | sees
-    for each in np.unique(count[known != ALL]):
-        of = np.flatnonzero(count == each)
+    # Others of their pixels tell the rest.
+    wants = (np.bincount(in_pixel, known != ALL) > 0)[in_pixel]
+    for each in np.unique(count[wants]):
+        of = np.flatnonzero(wants & (count == each))
         seen[of] = told(seen[of], known[of], number[of], int(each), in_pixel[of])
     return seen
 
