@@ -15,7 +15,7 @@ import numpy as np
 
 from .._backend import from_numpy
 from .._progress import track
-from .images import TRIED_IN_A_PIXEL, VirtualImage, visibility_of
+from .images import VirtualImage, visibility_of
 from .lens_rays import LensRays
 from .passes import wavefronts
 from .peeling import cells_of
@@ -73,8 +73,6 @@ def seen_through(
     """
     through, visibility = np.zeros(len(x), np.float32), np.zeros(len(x), np.uint64)
     depth, share = np.zeros(len(x), np.float32), np.zeros(len(x), np.float32)
-    # Of a lesser lobe's light, of which there is a part, the visibility matters as much less.
-    in_a_pixel = TRIED_IN_A_PIXEL if lesser is None else TRIED_IN_A_PIXEL // 4
     for part in track(wavefronts(len(x), 1), LABEL):
         place = (from_numpy(mi.Float, column[part]) for column in (x, y, start))
         at_x, at_y, begins = place
@@ -97,6 +95,5 @@ def seen_through(
         depth[there] = np.array(dr.gather(mi.Float, visible.depth, index))
         cell = cells_of(x[there], y[there], CELL_SAMPLES)
         image = dr.gather(VirtualImage, image, index)
-        columns = x[there], y[there], cell
-        visibility[there] = visibility_of(image, *columns, lens, in_a_pixel)
+        visibility[there] = visibility_of(image, x[there], y[there], cell, lens)
     return SeenThrough(through, visibility, depth, share)
