@@ -21,13 +21,14 @@ from ..samples.columns import (
 )
 from ..samples.raster import Window
 from .buffers import Shown, to_host
-from .images import ALL, VirtualImage, seen_by, seen_by_some
+from .images import ALL, VirtualImage, seen_by, visibility_of
 from .lens_rays import TURN, LensRays
 from .lobes import LEAST_SHARE, by_lobe, share_of
 from .passes import gathered, wavefronts
 from .patterns import sampler_cells
+from .peeling import cells_of
 from .rays import PrimaryRays
-from .seen_through import LABEL
+from .seen_through import CELL_SAMPLES, LABEL
 from .virtual_depth import NO_LOBE
 
 MOST_SHIFTED = 0.95
@@ -139,9 +140,9 @@ class _Finder:
         chosen = dr.gather(mi.Point2f, position, index), dr.gather(mi.UInt32, point, index)
         image = dr.gather(VirtualImage, image, index)
         # The points that others try do not depend on which point has found them.
-        number = np.arange(len(x), dtype=np.uint32)
-        own = seen_by_some(image, np.array(chosen[1]), self.lens, 1)
-        visibility = own | seen_by(image, x, y, number, self.lens, TRIED_ELSEWHERE)
+        own = seen_by(image, np.uint64(1) << np.array(chosen[1]).astype(np.uint64), self.lens)
+        cell = cells_of(x, y, CELL_SAMPLES)
+        visibility = own | visibility_of(image, x, y, cell, self.lens, TRIED_ELSEWHERE)
         share = VISIBILITY_POINTS / np.maximum(points_that_see(visibility), 1)
         shown, part = self._shown(*chosen, None if lobe is None else lobe[np.array(index)])
         found = Columns(
