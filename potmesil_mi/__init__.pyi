@@ -25,6 +25,7 @@ from .optics.lommel import Lommel
 from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
 from .optics.telecentric import TelecentricLens
+from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
 from .tracing.hidden_surface import render_samples
@@ -68,6 +69,7 @@ __all__ = [
     "apply_filters",
     "evaluation",
     "focus",
+    "motion_vectors",
     "parse_filter",
     "potmesil_sensor",
     "progress",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ ANGLES = ("pan", "tilt", "swing")
 
 KINDS: dict[str, type[Track] | type[VectorTrack]] = {
     **dict.fromkeys(("origin", "target", "up"), VectorTrack),
-    **dict.fromkeys(ANGLES, Track),
+    **dict.fromkeys((*ANGLES, "zoom"), Track),
 }
 """What each field is a track of."""
 
@@ -32,6 +33,8 @@ class CameraMove:
                                   is upwards in it (default +y)
     ``pan``, ``tilt``, ``swing``  or the paper's angles in degrees, as of the sensor
                                   ``potmesil``
+    ``zoom``                      how many times as large it shows what is in the middle, > 0,
+                                  as with its own field of view; not of an orthographic camera
     ============================  ==========================================================
 
     What is not given is the camera's own; ``target`` takes the place of the angles, and it is
@@ -44,6 +47,7 @@ class CameraMove:
     pan: Track | None = None
     tilt: Track | None = None
     swing: Track | None = None
+    zoom: Track | None = None
 
     def __post_init__(self) -> None:
         for name in ANGLES:
@@ -51,6 +55,9 @@ class CameraMove:
                 raise ValueError(f"{name}: must not be given with target, which says the same")
         if self.up is not None and self.target is None:
             raise ValueError("up: must be given with target alone")
+        for key in () if self.zoom is None else self.zoom.keys:
+            if not key.value > 0:
+                raise ValueError(f"zoom={key.value}: must be > 0")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CameraMove:
@@ -80,4 +87,13 @@ class CameraMove:
         matrix = np.eye(4)
         matrix[:3, :3] = rotation * scale
         matrix[:3, 3] = origin
-        return dataclasses.replace(camera, to_world=tuple(map(tuple, matrix.tolist())))
+        camera = dataclasses.replace(camera, to_world=tuple(map(tuple, matrix.tolist())))
+        return camera if self.zoom is None else _zoomed(camera, self.zoom.at(frame))
+
+
+def _zoomed(camera: Camera, zoom: float) -> Camera:
+    """A camera that shows the middle of its picture so many times as large."""
+    if camera.projection != "perspective":
+        raise ValueError(f"zoom={zoom}: must not be given for an orthographic camera")
+    half = math.atan(math.tan(math.radians(camera.x_fov) / 2) / zoom)
+    return dataclasses.replace(camera, x_fov=math.degrees(2 * half))

@@ -28,7 +28,8 @@ class PosedShapes:
             if known.count(name) != 1:
                 raise ValueError(
                     f"shapes.{name}: must be the id of one shape of the scene, which has "
-                    f"{', '.join(sorted(set(known))) or 'none with an id'}"
+                    f"{', '.join(sorted(set(known))) or 'none with an id'}; load the scene with "
+                    "optimize=False, so that meshes of one material stay apart"
                 )
             shape = shapes[known.index(name)]
             keys = [f"{name}.{key}" for key in ("to_world", "vertex_positions", "vertex_normals")]

@@ -112,10 +112,16 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sen
 
 
 def placed(sensor: mi.Sensor, camera: Camera) -> None:
-    """Let a ``potmesil`` or ``potmesil_orthographic`` sensor stand where ``camera`` stands."""
+    """Let a ``potmesil`` or ``potmesil_orthographic`` sensor stand where ``camera`` stands.
+
+    It gets its field of view, too.
+    """
     parameters = mi.traverse(sensor)
-    key = next(key for key, _ in parameters if key.split(".")[-1] == "to_world")
+    names = {key.split(".")[-1]: key for key, _ in parameters}
+    key = names["to_world"]
     parameters[key] = type(parameters[key])(np.array(camera.to_world))
+    if camera.projection == "perspective" and camera.x_fov != sensor.camera().x_fov:
+        parameters[names["x_fov"]] = mi.Float(camera.x_fov)
     parameters.update()
 
 
