@@ -22,13 +22,14 @@ from ..focusing.methods import Method, MethodName, method_of
 from ..samples.denoising import require_extra
 from ..samples.point_samples import PointSamples
 from ..tracing.hidden_surface import WrappingIntegrator, render_samples
+from ..tracing.passes import sample_count
 from ..tracing.sampling import Sampling
 from ..tracing.sensor import is_orthographic, pick_sensor, potmesil_sensor
 from . import metrics
 from .reference import REFERENCE_SPP, Reference
 from .report import Comparison, Rendering
 from .search import Found, Search
-from .thinlens import SAMPLERS, ThinlensRenderer, rounded_up, sample_count, thinlens_sensor
+from .thinlens import SAMPLERS, ThinlensRenderer, rounded_up, thinlens_sensor
 from .timing import NEVER, Deadline, Measured, Stages, measured, timed_stages
 
 BUDGET = 600.0

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
-from collections.abc import Iterator
 
 import mitsuba as mi
 import numpy as np
@@ -13,6 +11,7 @@ import numpy as np
 from ..optics.disc import Disc
 from ..optics.lens import ThinLens
 from ..samples.denoising import require_extra
+from ..tracing.passes import sample_count, without_warnings
 from ..tracing.sensor import is_orthographic, potmesil_sensor
 
 FEATURES = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
@@ -118,7 +117,7 @@ class ThinlensRenderer:
         self, sensor: mi.Sensor, seed: int, integrator: mi.Integrator | None = None
     ) -> np.ndarray:
         spp = sensor.sampler().sample_count()
-        with _without_warnings():
+        with without_warnings():
             picture = mi.render(
                 self.scene,
                 sensor=sensor,
@@ -144,18 +143,9 @@ def denoised_picture(channels: np.ndarray) -> np.ndarray:
     return np.asarray(result)
 
 
-def sample_count(sampler: mi.Sampler, spp: int = 0) -> int:
-    """How many samples a pixel ``sampler`` takes where ``spp`` are asked for, 0 for its own."""
-    if spp > 0:
-        sampler = sampler.clone()
-        with _without_warnings():
-            sampler.set_sample_count(spp)
-    return int(sampler.sample_count())
-
-
 def rounded_up(sampler: str, spp: float) -> int:
     """The samples a pixel that ``sampler`` takes where at least ``spp`` are asked for."""
-    with _without_warnings():
+    with without_warnings():
         return sample_count(mi.load_dict({"type": sampler, "sample_count": math.ceil(spp)}))
 
 
@@ -181,14 +171,3 @@ def _rgb_film(film: mi.Film) -> mi.Film:
             "rfilter": film.rfilter(),
         }
     )
-
-
-@contextlib.contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Samplers say at every rendering that they round a count up."""
-    level = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)
-    try:
-        yield
-    finally:
-        mi.set_log_level(level)

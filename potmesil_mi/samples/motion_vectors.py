@@ -55,5 +55,6 @@ def motion_vectors(
         vectors = vectors[:, 2:] * [-1, 1]
     elif convention == "forward":
         vectors = vectors * [1, -1]
-    vectors = np.where(np.isfinite(vectors).all(axis=1)[:, None], vectors, 0) * exposure
+    there = np.isfinite(vectors).all(axis=1, keepdims=True)
+    vectors = np.where(there, vectors, 0) * exposure
     return np.column_stack([vectors, np.zeros(len(vectors))]).astype(np.float32)

@@ -23,6 +23,7 @@ from ..optics.camera import Camera
 from ..samples.columns import Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .passes import sample_count
 from .posing import PosedShapes
 from .sensor import placed
 from .shapes import registry_index, surface_ids
@@ -80,7 +81,7 @@ def exposed(
             for i, part in enumerate(_parts(shutter, motion.frame, count)):
                 report("Exposing", i / count)
                 poses.place(part.middle)
-                share = spp // count + (i < spp % count)
+                share = sample_count(sensor.sampler(), spp // count + (i < spp % count))
                 sweep = poses.sweep(part, reach) if longest >= LEAST_PATH else None
                 samples = sampled(share, _seed(seed, i), sweep)
                 found.append(_in_motion(samples, poses, part, (i + 0.5) / count))

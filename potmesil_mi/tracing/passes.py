@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 
 import drjit as dr
 import mitsuba as mi
@@ -90,3 +91,23 @@ def wavefronts(count: int, rays: int) -> list[slice]:
     """
     size = max(1, WAVEFRONT // rays)
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def sample_count(sampler: mi.Sampler, spp: int = 0) -> int:
+    """How many samples a pixel ``sampler`` takes where ``spp`` are asked for, 0 for its own."""
+    if spp > 0:
+        sampler = sampler.clone()
+        with without_warnings():
+            sampler.set_sample_count(spp)
+    return int(sampler.sample_count())
+
+
+@contextlib.contextmanager
+def without_warnings() -> Iterator[None]:
+    """Samplers say each time that they round a count up."""
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)
+    try:
+        yield
+    finally:
+        mi.set_log_level(level)
