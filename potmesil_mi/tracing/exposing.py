@@ -45,6 +45,9 @@ PROBED = 5
 LEAST_PATH = 0.01
 """Pixels below which nothing moves: blur of that length changes no pixel by more than 1e-3."""
 
+LEAST_CHANGE = 1e-4
+"""Part of its depth by which a thing comes nearer or goes away, at least."""
+
 BEYOND = 1e4
 """How far what is infinitely far is, for its path, in multiples of the farthest depth."""
 
@@ -250,9 +253,10 @@ def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -
     """Samples of the ``part`` of an exposure that is half over at a ``time`` of it, 0 to 1."""
     path = poses.path(samples.x, samples.y, samples.z, Surfaces(samples.surface, part))
     moves = np.hypot(path[:, 0], path[:, 1]).max(initial=0) >= LEAST_PATH
+    moves |= bool((np.abs(path[:, 2]) >= LEAST_CHANGE * samples.z).any())
     return samples.replace(
         time=np.full(len(samples), time, np.float32),
-        motion=path.astype(np.float32) if moves or path[:, 2].any() else None,
+        motion=path.astype(np.float32) if moves else None,
     )
 
 

@@ -312,3 +312,41 @@ def test_frames_of_a_moving_shape_are_those_of_a_scene_that_has_it_there(tmp_pat
     assert animate(tmp_path / "no", str(scene), str(roll), "-D", "x=0") == 1
     told = capsys.readouterr().err
     assert "shapes.cone: must be the id of one shape of the scene, which has ball" in told
+
+
+def test_frames_are_exposed_while_the_shutter_is_open(tmp_path):
+    scene, roll = tmp_path / "ball.xml", tmp_path / "roll.toml"
+    scene.write_text(BALL, encoding="utf-8")
+    roll.write_text(ROLL + "[shutter]\nopen = -0.25\nclose = 0.25\n", encoding="utf-8")
+    assert animate(tmp_path / "frames", str(scene), str(roll), "-D", "x=-1") == 0
+    found = frames_in(tmp_path / "frames")
+    loaded = mi.load_file(str(scene), optimize=False, x=-1)
+    sensor = pm.potmesil_sensor(loaded.sensors()[0])
+    for frame in (0, 1):
+        motion = pm.Animation.load(roll).motion_at(frame)
+        sampling = pm.Sampling(focus_range=(5.0, 5.0))
+        samples = pm.render_samples(loaded, sensor, seed=frame, motion=motion, sampling=sampling)
+        expected = np.array(pm.focus(samples, rfilter=sensor.film().rfilter()))
+        np.testing.assert_allclose(found[f"f_{frame:02d}.exr"], expected, rtol=1e-3, atol=1e-3)
+        assert samples.motion is not None
+
+
+def test_a_picture_is_exposed_while_things_move(tmp_path, capsys):
+    scene, motion = tmp_path / "ball.xml", tmp_path / "motion.toml"
+    scene.write_text(BALL, encoding="utf-8")
+    motion.write_text(
+        "[shapes.ball]\ntranslate = [[0, [-0.5, 0, 0]], [1, [0.5, 0, 0]]]\n[shutter]\nclose = 1\n",
+        encoding="utf-8",
+    )
+    kept = tmp_path / "kept.samples"
+    arguments = ["render", str(scene), "-D", "x=0", "--motion", str(motion)]
+    output = ["-o", str(tmp_path / "ball.exr")]
+    assert cli.main([*arguments, *output, "--samples", str(kept)]) == 0
+    samples = pm.PointSamples.load(kept)
+    pixels = samples.camera.focal_length_pixels / 5 / samples.instants
+    assert np.abs(samples.motion[:, 0]).max() == pytest.approx(pixels, rel=0.3)
+    motion.write_text("[shapes.cone]\nscale = 2\n[shutter]\nclose = 1\n", encoding="utf-8")
+    assert cli.main([*arguments, *output]) == 1
+    assert "shapes.cone: must be the id of one shape of the scene" in capsys.readouterr().err
+    assert cli.main([*arguments[:-1], str(tmp_path / "no.toml"), *output]) == 1
+    assert "no.toml" in capsys.readouterr().err

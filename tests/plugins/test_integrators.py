@@ -53,6 +53,31 @@ def test_focus_denoises_the_samples_where_it_is_told_to():
         still_life({**FOCUS, "denoise": 1})
 
 
+@pytest.mark.parametrize("plugin", ["focus", "point_samples"])
+def test_a_file_tells_what_moves(plugin, tmp_path):
+    path = tmp_path / "motion.toml"
+    path.write_text(
+        "[shapes.ball]\ntranslate = [[0, [-0.3, 0, 0]], [1, [0.3, 0, 0]]]\n[shutter]\nclose = 1\n",
+        encoding="utf-8",
+    )
+    scene = still_life({"type": plugin, "nested": PATH, "motion": str(path)}, spp=8)
+    picture = np.array(mi.render(scene, seed=3))[..., :3]
+    motion = pm.Motion.load(path)
+    samples = pm.render_samples(still_life(spp=8), seed=3, motion=motion)
+    assert samples.moves
+    if plugin == "focus":
+        np.testing.assert_allclose(picture, np.array(pm.focus(samples)), atol=1e-5)
+    still = np.array(mi.render(still_life({"type": plugin, "nested": PATH}, spp=8), seed=3))
+    assert np.abs(picture - still[..., :3]).max() > 0.02
+    # What is given in Python counts.
+    again = pm.render_samples(scene, seed=3, motion=pm.Motion(shutter=pm.Shutter(0, 0)))
+    assert not again.moves
+    with pytest.raises(RuntimeError, match="motion=3: must be the name of a TOML file"):
+        still_life({"type": plugin, "nested": PATH, "motion": 3})
+    with pytest.raises(RuntimeError, match=r"no\.toml"):
+        still_life({"type": plugin, "nested": PATH, "motion": str(tmp_path / "no.toml")})
+
+
 def test_focus_obeys_spp_and_seed():
     scene = still_life(FOCUS, lamp={"type": "constant"})
     few, again, other = (np.array(mi.render(scene, spp=1, seed=s)) for s in (1, 1, 2))
