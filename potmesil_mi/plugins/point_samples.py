@@ -104,7 +104,14 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The pinhole picture, and the channels of a sample of each pixel."""
-        return pinhole_picture(samples, film), pixel_channels(samples)
+        if not samples.moves:
+            return pinhole_picture(samples, film), pixel_channels(samples)
+        from ..focusing.smearing import samples_along_paths
+
+        # What moves comes from beyond the film, too.
+        visible = samples.visible()
+        picture = pinhole_picture(samples_along_paths(visible), film)
+        return picture, pixel_channels(visible.crop(visible.crop_window))
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

@@ -106,16 +106,17 @@ def render_samples(
         raise TypeError("film: must be a film of colours, such as hdrfilm, not a special one")
     require_whole("spp", spp, 0, 2**32 - 1)
     require_whole("seed", seed, 0, 2**32 - 1)
-    own: mi.SamplingIntegrator = integrator
+    nested: mi.SamplingIntegrator = integrator
 
-    def sampled(spp: int, seed: int, sweep: Sweep | None = None) -> PointSamples:
+    def sampled(spp: int, seed: int, sweep: Sweep | None) -> PointSamples:
         passes = Passes(sensor.sampler(), spp, seed)
-        return _sampled(scene, sensor, own, passes, sampling, sweep)
+        return _sampled(scene, sensor, nested, passes, sampling, sweep)
 
     with dr.suspend_grad():
-        if motion is None:
-            return sampled(spp, seed)
-        return exposed(scene, sensor, motion, spp or sensor.sampler().sample_count(), seed, sampled)
+        if motion is not None:
+            spp = spp or sensor.sampler().sample_count()
+            return exposed(scene, sensor, motion, spp, seed, sampled)
+        return _sampled(scene, sensor, nested, Passes(sensor.sampler(), spp, seed), sampling, None)
 
 
 def _sampled(

@@ -9,36 +9,42 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .shapes import shape_names
+
+MOVED = ("to_world", "vertex_positions", "vertex_normals")
+"""Parameters of shapes that say where they are; the first two each say it all."""
+
 
 class PosedShapes:
     """Shapes of a scene that can be moved from where it has them.
 
-    ``names`` are their ids; instances are shapes, too, and what they are made of is not. Raises
-    ``ValueError`` for a name that no shape has, or several have, and for a shape that Mitsuba lets
-    nobody move, such as a curve.
+    ``names`` are their ids; one without is called as in ``PointSamples.surfaces``. Instances are
+    shapes, too, and what they are made of is not. Raises ``ValueError`` for a name that no shape
+    has, or several have, and for a shape that Mitsuba lets nobody move, such as a curve.
     """
 
     def __init__(self, scene: mi.Scene, names: Iterable[str]) -> None:
-        shapes = [shape for shape in scene.shapes() if shape.id()]
-        known = [shape.id() for shape in shapes]
-        self._parameters = mi.traverse(scene)
-        self._own: dict[str, dict[str, Any]] = {}
+        shapes, known = scene.shapes(), shape_names(scene)
+        self._scene = scene
+        self._parameters: dict[str, mi.SceneParameters] = {}
+        self._own: dict[str, dict[str, np.ndarray]] = {}
         self._centres: dict[str, np.ndarray] = {}
         for name in names:
             if known.count(name) != 1:
                 raise ValueError(
                     f"shapes.{name}: must be the id of one shape of the scene, which has "
-                    f"{', '.join(sorted(set(known))) or 'none with an id'}; load the scene with "
-                    "optimize=False, so that meshes of one material stay apart"
+                    f"{', '.join(sorted(set(known)))}; load the scene with optimize=False, so that "
+                    "meshes of one material stay apart"
                 )
             shape = shapes[known.index(name)]
-            keys = [f"{name}.{key}" for key in ("to_world", "vertex_positions", "vertex_normals")]
-            there = [key for key in keys if key in self._parameters]
-            if not set(there) & set(keys[:2]):
+            parameters = mi.traverse(shape)
+            there = [key for key in MOVED if key in parameters]
+            if not set(there) & set(MOVED[:2]):
                 raise ValueError(
                     f"shapes.{name}: is a {shape.class_name()}, which Mitsuba lets nobody move"
                 )
-            self._own[name] = {key: _copy(self._parameters[key]) for key in there}
+            self._parameters[name] = parameters
+            self._own[name] = {key: _copy(parameters[key]) for key in there}
             self._centres[name] = np.array(shape.bbox().center(), dtype=np.float64).ravel()
 
     def centre(self, name: str) -> np.ndarray:
@@ -53,8 +59,11 @@ class PosedShapes:
         for name, own in self._own.items():
             matrix = np.asarray(transforms.get(name, np.eye(4)), dtype=np.float64)
             for key, value in own.items():
-                self._parameters[key] = _moved(key.rsplit(".", 1)[1], value, matrix)
-        self._parameters.update()
+                self._parameters[name][key] = _moved(key, value, matrix)
+            self._parameters[name].update()
+        if self._own:
+            # A shape alone was traversed, which the scene does not know of.
+            self._scene.parameters_changed([])
 
 
 def _copy(value: Any) -> np.ndarray:

@@ -25,18 +25,27 @@ def surface_ids(scene: mi.Scene) -> tuple[mi.UInt32, dict[int, str]]:
     the scene is loaded; 0 is no surface. A shape without a name (an ``id`` in XML) is called by
     its type and its rank by place and size. Raises ``ValueError`` for a scene without shapes.
     """
-    shapes = scene.shapes()
-    if not shapes:
+    names = shape_names(scene)
+    if not names:
         raise ValueError("scene: is empty, there must be at least one shape")
-    unnamed = [(_place_and_size(shape), i) for i, shape in enumerate(shapes) if not shape.id()]
-    named = [(shape.id(), i) for i, shape in enumerate(shapes) if shape.id()]
-    for rank, (_, i) in enumerate(sorted(unnamed), start=1):
-        named.append((f"{shapes[i].class_name()}_{rank}", i))
-    named.sort(key=itemgetter(0))
+    named = sorted(((name, i) for i, name in enumerate(names)), key=itemgetter(0))
     indices = _indices(scene)
     table = np.zeros(indices.max() + 1, dtype=np.uint32)
     table[indices[[i for _, i in named]]] = np.arange(1, len(named) + 1)
     return mi.UInt32(table), {id_: name for id_, (name, _) in enumerate(named, 1)}
+
+
+def shape_names(scene: mi.Scene) -> list[str]:
+    """What the shapes of a scene are called, in their order.
+
+    A shape without an ``id`` is called by its type and its rank by place and size.
+    """
+    shapes = scene.shapes()
+    names = [shape.id() for shape in shapes]
+    unnamed = [(_place_and_size(shape), i) for i, shape in enumerate(shapes) if not shape.id()]
+    for rank, (_, i) in enumerate(sorted(unnamed), start=1):
+        names[i] = f"{shapes[i].class_name()}_{rank}"
+    return names
 
 
 def emitter_ids(scene: mi.Scene, table: mi.UInt32) -> np.ndarray:

@@ -199,7 +199,8 @@ def test_a_scaled_camera_keeps_its_scale():
     ("move", "message"),
     [
         (3, "camera=3: must be a table"),
-        ({"zoom": 3}, "camera: zoom: unknown, must be one of origin"),
+        ({"roll": 3}, "camera: roll: unknown, must be one of origin"),
+        ({"zoom": 0}, "camera: zoom=0: must be > 0"),
         ({"pan": [1, 2]}, "camera: pan: .*must be a number, or a list of keys"),
         ({"origin": 3}, "camera: origin: 3: must be three numbers"),
         ({"origin": [1, 2]}, "camera: origin: .*must be three numbers"),

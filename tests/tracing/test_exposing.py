@@ -195,3 +195,45 @@ def test_samples_whose_time_or_motion_is_impossible_are_dropped(column, value):
     fields[column][3] = value
     with pytest.warns(RuntimeWarning, match="dropped 1 of 10 samples"):
         assert len(synthetic(10, **fields)) == 9
+
+
+def test_a_camera_that_zooms_moves_samples_outwards_and_is_put_back():
+    scene = still_life(spp=16)
+    before = scene.sensors()[0].camera().x_fov
+    zooming = motion(camera={"zoom": [[0, 1], [1, 1.2]]}, shutter={"instants": 2})
+    samples = pm.render_samples(scene, motion=zooming, sampling=NO_MORE)
+    # From 1 to 1.1 and from 1.1 to 1.2; it is where it is half way.
+    zoom = np.where(samples.time < 0.5, 1.05, 1.15)
+    np.testing.assert_allclose(samples.motion[:, 0], (samples.x - 12) * 0.1 / zoom, atol=1e-3)
+    np.testing.assert_allclose(samples.motion[:, 2], 0, atol=1e-6)
+    assert scene.sensors()[0].camera().x_fov == pytest.approx(before, rel=1e-6)
+
+
+def test_a_shape_without_an_id_is_called_as_the_samples_call_it():
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "direct"},
+            "sensor": {
+                "type": "potmesil",
+                "f_number": 0.25,
+                "focus_distance": 2.0,
+                "film": {"type": "hdrfilm", "width": 24, "height": 16},
+                "sampler": {"type": "independent", "sample_count": 4},
+            },
+            "lamp": {"type": "constant"},
+            **{
+                f"_unnamed_{i}": {"type": "sphere", "id": "", "center": [x, 0, 3], "radius": 0.3}
+                for i, x in enumerate((-0.5, 0.5))
+            },
+        }
+    )
+    if any(shape.id().startswith("_unnamed") for shape in scene.shapes()):
+        for shape in scene.shapes():
+            shape.set_id("")
+    still = pm.render_samples(scene, sampling=NO_MORE)
+    assert sorted(still.surfaces.values()) == ["Sphere_1", "Sphere_2"]
+    moves = {"Sphere_2": {"translate": [[0, [0, 0, 0]], [1, [0, 0.4, 0]]]}}
+    samples = pm.render_samples(scene, motion=motion(shapes=moves), sampling=NO_MORE)
+    moved = np.abs(samples.motion[:, 1]) > 0.1
+    np.testing.assert_array_equal(moved, surfaces(samples, "Sphere_2"))
