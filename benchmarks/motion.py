@@ -36,6 +36,7 @@ LENGTHS = (1, 16, 160)
 def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
     options.add_argument("--motions", nargs="*", default=MOTIONS, help="files in scenes/motions")
+    options.add_argument("--f-numbers", nargs="*", type=float, default=F_NUMBERS)
     options.add_argument("--res", type=int, default=256, help="pixels each way")
     options.add_argument("--spp", type=int, default=64, help="samples a pixel")
     options.add_argument("--instants", type=int, default=64, help="of the reference")
@@ -55,7 +56,7 @@ def quality(arguments: argparse.Namespace):
     )
     for name in arguments.motions:
         motion = pm.Motion.load(SCENE.parent / "motions" / f"{name}.toml")
-        for f_number in F_NUMBERS:
+        for f_number in arguments.f_numbers:
             scene = mi.load_file(
                 str(SCENE), optimize=False, res=arguments.res, spp=arguments.spp,
                 f_number=f_number,
