@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -99,7 +100,8 @@ class Bins(NamedTuple):
         return dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
 
 
-class Located(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Located:
     """Subpixel and vergence of samples, and which of them the pinhole sees.
 
     ``across`` and ``down``, from -1 to 1, tell where in the subpixel they are.
