@@ -155,8 +155,10 @@ def _of_scene(
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
         return
-    opened = Opened.of(options, animation.first_lens())
+    opened = _opened(options, animation)
     lens = opened.sensor.lens()
+    if animation.shutter is not None:
+        warnings.warn("shutter: has no effect, for neither camera nor shapes move", stacklevel=1)
     sampling = _sampling_for(lens, animation.lenses(lens), opened.sampling)
     session = FocusSession(opened.sampled(options, sampling), opened.method)
     filters = () if animation.filters else opened.filters
@@ -165,6 +167,17 @@ def _of_scene(
     )
     for frame, picture in pictures:
         files.write(frame, picture)
+
+
+def _opened(options: argparse.Namespace, animation: Animation) -> Opened:
+    """The scene. Raises ``ValueError`` for one that has a motion of its own."""
+    opened = Opened.of(options, animation.first_lens())
+    if opened.motion is not None:
+        raise ValueError(
+            f"motion: {options.scene} has one, for a single picture; tell by [camera], [shapes.ID] "
+            f"and [shutter] of {options.animation} what moves"
+        )
+    return opened
 
 
 def _of_moving_scene(
@@ -181,7 +194,7 @@ def _of_moving_scene(
             f"samples={options.samples!r}: must not be given where something moves, and each frame "
             "has its own"
         )
-    opened = Opened.of(options, animation.first_lens())
+    opened = _opened(options, animation)
     lens = opened.sensor.lens()
     # What is wrong in a frame is found before the first.
     lenses = [animation.lens_at(lens, frame) for frame in frames]

@@ -192,7 +192,10 @@ def _thin_lens(
 ) -> tuple[ThinLens, ThinLensPicture | None]:
     """The thin lens that forms the picture, and of which samples it does for a telecentric one."""
     if isinstance(lens, TelecentricLens):
-        picture = as_thin_lens(samples.z, lens, samples.camera)
+        depths = [samples.z]
+        if samples.motion is not None:
+            depths += [samples.z + side * samples.motion[:, 2] for side in (-0.5, 0.5)]
+        picture = as_thin_lens(np.concatenate(depths), lens, samples.camera)
         return picture.lens, picture
     own = samples.lens
     return lens.in_units(own.millimeters_per_unit) if isinstance(own, ThinLens) else lens, None

@@ -216,7 +216,10 @@ def is_optional(field: dataclasses.Field[Any]) -> bool:
 def _column(columns: Columns, field: dataclasses.Field[Any]) -> np.ndarray:
     """A column, of zeros where it is not there."""
     values: np.ndarray | None = getattr(columns, field.name)
-    return np.zeros(len(columns), field.metadata["dtype"]) if values is None else values
+    if values is not None:
+        return values
+    channels = field.metadata["channels"]
+    return np.zeros((len(columns), channels) if channels else len(columns), field.metadata["dtype"])
 
 
 COLUMNS: tuple[dataclasses.Field[Any], ...] = dataclasses.fields(Columns)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -20,6 +21,9 @@ from .._progress import reported
 from ..motion.motion import Motion
 from ..motion.shutter import Shutter
 from ..optics.camera import Camera
+from ..optics.camera.vectors import transform_points
+from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens
 from ..samples.columns import Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
@@ -44,6 +48,21 @@ PROBED = 5
 
 LEAST_PATH = 0.01
 """Pixels below which nothing moves: blur of that length changes no pixel by more than 1e-3."""
+
+STEPS = 16
+"""Steps of the exposure in which paths are followed: they may come back to where they began."""
+
+LEAST_INSTANTS = 4
+"""Instants, at least, of a shutter that is not open wholly all the time."""
+
+LONGEST = 2.0
+"""Longest path of a sample during its part of the exposure, in diagonals of the picture."""
+
+MOST_CHANGE = 1.9
+"""Most change of a depth meanwhile, as a part of it: half of it is before, and half after."""
+
+TINY = 1e-12
+"""What is added up to so much is nothing."""
 
 LEAST_CHANGE = 1e-4
 """Part of its depth by which a thing comes nearer or goes away, at least."""
@@ -73,12 +92,15 @@ def exposed(
     """
     with _posed(scene, sensor, motion) as poses:
         shutter = motion.shutter_of(poses.camera)
-        longest = poses.longest_path(_parts(shutter, motion.frame, 1)[0])
+        whole = _parts(shutter, motion.frame, 1)[0]
+        longest = poses.longest_path(whole)
         count = shutter.instants
         if count is None:
             count = min(math.ceil(longest / LONGEST_PATH), MOST_INSTANTS)
+            if shutter.profile != "box" and longest >= LEAST_PATH:
+                count = max(count, LEAST_INSTANTS)
         count = max(1, min(count, spp))
-        reach = longest / count / 2
+        reach = min(longest / count, poses.diagonal) / 2
         found = []
         with reported() as report:
             for i, part in enumerate(_parts(shutter, motion.frame, count)):
@@ -88,7 +110,8 @@ def exposed(
                 sweep = poses.sweep(part, reach) if longest >= LEAST_PATH else None
                 samples = sampled(share, _seed(seed, i), sweep)
                 found.append(_in_motion(samples, poses, part, (i + 0.5) / count))
-        return _joined(found)
+        poses.place(whole.middle)
+        return _joined(found, sensor.camera(), sensor.lens())
 
 
 def require_motions(scene: mi.Scene, sensor: mi.Sensor, motions: Sequence[Motion]) -> None:
@@ -144,29 +167,41 @@ class _Poses:
         if self.motion.shapes:
             self.shapes.place({})
 
+    @property
+    def diagonal(self) -> float:
+        """Of the crop window, in pixels."""
+        return math.hypot(*self.camera.crop_size)
+
     def path(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, of: Surfaces) -> np.ndarray:
         """By how much x, y and z change from the begin to the end of a part, float64 (N, 3).
 
-        They are where samples are seen at the middle of the part. 0 for what is behind the camera
-        at one of its ends.
+        They are where samples are seen at the middle of the part. A path ends where it comes as
+        near as the near clipping plane, and is no longer than ``LONGEST`` diagonals.
         """
         far = ~np.isfinite(z)
         depth = z.astype(np.float64)
         depth[far] = BEYOND * max(depth[~far].max(initial=0.0), 1.0)
         pixels = np.stack([x, y], axis=-1).astype(np.float64)
         camera = self.motion.camera_at(self.camera, of.part.middle)
-        own = np.asarray(camera.world_from_pixel(pixels, depth))
+        own = np.asarray(camera.camera_from_pixel(pixels, depth))
+        world = transform_points(camera.world_from_camera(), own)
         places = []
         for frame in (of.part.begin, of.part.end):
-            world = self._moved(own, of, frame)
             camera = self.motion.camera_at(self.camera, frame)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                pixel = camera.pixel_from_world(world, behind="nan")
-            places.append(np.column_stack([pixel, camera.depth_from_world(world)]))
+            there = transform_points(camera.camera_from_world(), self._moved(world, of, frame))
+            near = np.minimum(camera.near_clip, depth)
+            apart = depth - there[:, 2]
+            part = np.where(there[:, 2] < near, (depth - near) / np.maximum(apart, TINY), 1)
+            there = own + part[:, None] * (there - own)
+            places.append(np.column_stack([camera.pixel_from_camera(there), there[:, 2]]))
         path = places[1] - places[0]
         path[far, 2] = 0
-        path[~np.isfinite(path).all(axis=1) | (np.abs(path[:, 2]) >= 2 * depth)] = 0
-        return path
+        if self.camera.projection == "orthographic":
+            path[far] = 0  # What is infinitely far is the same all over the picture.
+        length = np.maximum(np.hypot(path[:, 0], path[:, 1]), TINY)
+        deeper = np.maximum(np.abs(path[:, 2]), TINY)
+        part = np.minimum(LONGEST * self.diagonal / length, MOST_CHANGE * depth / deeper)
+        return path * np.minimum(part, 1)[:, None]
 
     def _moved(self, world: np.ndarray, of: Surfaces, frame: float) -> np.ndarray:
         """Where points of the world, (N, 3), of surfaces are at a frame."""
@@ -199,14 +234,56 @@ class _Poses:
         return self.motion.transforms_at(self.centres, frame)
 
     def longest_path(self, exposure: _Part) -> float:
-        """The longest path in the picture, in pixels, of what is met at some times of it."""
-        longest = 0.0
+        """The longest path in the picture, in pixels, of what moves during it.
+
+        It is that of what is met in the crop window at some times, by how much circles of confusion
+        change on it included, or that of the corners of a shape that moves, wherever it is.
+        """
+        times = np.linspace(exposure.begin, exposure.end, STEPS + 1)
+        longest = self._longest_of_corners(times)
         for middle in np.linspace(exposure.begin, exposure.end, PROBED):
             self.place(float(middle))
-            part = exposure._replace(middle=float(middle))
             x, y, z, surface = self._probed(float(middle))
-            path = self.path(x, y, z, Surfaces(surface, part))
-            longest = max(longest, float(np.hypot(path[:, 0], path[:, 1]).max(initial=0)))
+            total = np.zeros(len(x))
+            for begin, end in itertools.pairwise(times.tolist()):
+                part = _Part(begin, float(middle), end)
+                path = self.path(x, y, z, Surfaces(surface, part))
+                length = np.hypot(path[:, 0], path[:, 1]) + self._blur_of(z, path[:, 2])
+                total += np.minimum(length, self.diagonal)
+            longest = max(longest, float(total.max(initial=0)))
+        return longest
+
+    def _blur_of(self, z: np.ndarray, deeper: np.ndarray) -> np.ndarray:
+        """By how much circles change, in pixels of radius, where depths z change, (N,)."""
+        lens: ThinLens | TelecentricLens = self.sensor.lens().plain()
+        if isinstance(lens, TelecentricLens):
+            return np.abs(deeper) * float(lens.slope) * self.camera.pixels_per_unit
+        radius = float(lens.aperture_radius) * self.camera.focal_length_pixels
+        near = np.maximum(z - np.abs(deeper) / 2, self.camera.near_clip)
+        return radius * np.abs(deeper) / near**2
+
+    def _longest_of_corners(self, times: np.ndarray) -> float:
+        """The longest path of corners of the bounding boxes of shapes that move, in pixels.
+
+        It is as long as if they moved across the line of sight.
+        """
+        longest, steps = 0.0, list(itertools.pairwise(times.tolist()))
+        for name in self.motion.shapes:
+            corners, total = self.shapes.corners(name), 0.0
+            for begin, end in steps:
+                places = [
+                    transform_points(self._transforms(frame)[name], corners)
+                    for frame in (begin, end)
+                ]
+                camera = self.motion.camera_at(self.camera, begin)
+                apart = np.linalg.norm(places[1] - places[0], axis=1)
+                if camera.projection == "orthographic":
+                    pixels = apart * camera.pixels_per_unit
+                else:
+                    away = np.linalg.norm(places[0] - camera.world_from_camera()[:3, 3], axis=1)
+                    pixels = apart * camera.focal_length_pixels / np.maximum(away, camera.near_clip)
+                total += min(float(pixels.max()), self.diagonal)
+            longest = max(longest, total)
         return longest
 
     def _probed(self, frame: float) -> tuple[np.ndarray, ...]:
@@ -251,7 +328,11 @@ def _posed(scene: mi.Scene, sensor: mi.Sensor, motion: Motion) -> Iterator[_Pose
 
 def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -> PointSamples:
     """Samples of the ``part`` of an exposure that is half over at a ``time`` of it, 0 to 1."""
-    path = poses.path(samples.x, samples.y, samples.z, Surfaces(samples.surface, part))
+    surface = samples.surface
+    if samples.through is not None:
+        # An image moves with the camera, and not as the thing that it is of.
+        surface = np.where(samples.through > 0, 0, surface)
+    path = poses.path(samples.x, samples.y, samples.z, Surfaces(surface, part))
     moves = np.hypot(path[:, 0], path[:, 1]).max(initial=0) >= LEAST_PATH
     moves |= bool((np.abs(path[:, 2]) >= LEAST_CHANGE * samples.z).any())
     return samples.replace(
@@ -260,21 +341,25 @@ def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -
     )
 
 
-def _joined(found: list[PointSamples]) -> PointSamples:
-    """The samples of the instants of an exposure as one: each has its part of a pixel's area."""
+def _joined(
+    found: list[PointSamples], camera: Camera, lens: ThinLens | TelecentricLens
+) -> PointSamples:
+    """The samples of the instants of an exposure as one: each has its part of a pixel's area.
+
+    ``camera`` and ``lens`` are those at the middle of the exposure.
+    """
     if len(found) == 1:
         return found[0].replace(time=None) if found[0].motion is None else found[0]
     columns = Columns.joined(found)
     weight = columns.weight / np.float32(len(found))
     names: Mapping[int, str] = found[0].surfaces
     known = next((of.visibility_radius for of in found if of.visibility is not None), None)
-    first = found[len(found) // 2]
     return PointSamples(
         **vars(dataclasses.replace(columns, weight=weight)),
-        camera=first.camera,
-        lens=first.lens,
+        camera=camera,
+        lens=lens,
         surfaces=names,
-        lattice=first.lattice,
+        lattice=found[0].lattice,
         window=_around([of.window for of in found]),
         visibility_radius=known if columns.visibility is not None else None,
     )

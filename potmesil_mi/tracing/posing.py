@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -28,7 +29,7 @@ class PosedShapes:
         self._scene = scene
         self._parameters: dict[str, mi.SceneParameters] = {}
         self._own: dict[str, dict[str, np.ndarray]] = {}
-        self._centres: dict[str, np.ndarray] = {}
+        self._ends: dict[str, np.ndarray] = {}
         for name in names:
             if known.count(name) != 1:
                 raise ValueError(
@@ -45,11 +46,16 @@ class PosedShapes:
                 )
             self._parameters[name] = parameters
             self._own[name] = {key: _copy(parameters[key]) for key in there}
-            self._centres[name] = np.array(shape.bbox().center(), dtype=np.float64).ravel()
+            box = shape.bbox()
+            self._ends[name] = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
 
     def centre(self, name: str) -> np.ndarray:
         """The middle of the bounding box of a shape where the scene has it, (3,)."""
-        return self._centres[name]
+        return self._ends[name].mean(axis=0)
+
+    def corners(self, name: str) -> np.ndarray:
+        """The corners of that box, (8, 3)."""
+        return np.array(list(itertools.product(*self._ends[name].T)))
 
     def place(self, transforms: Mapping[str, np.ndarray]) -> None:
         """Move shapes, by their names, from where the scene has them, by matrices (4, 4).

@@ -119,9 +119,14 @@ def placed(sensor: mi.Sensor, camera: Camera) -> None:
     parameters = mi.traverse(sensor)
     names = {key.split(".")[-1]: key for key, _ in parameters}
     key = names["to_world"]
-    parameters[key] = type(parameters[key])(np.array(camera.to_world))
-    if camera.projection == "perspective" and camera.x_fov != sensor.camera().x_fov:
+    own, matrix = sensor.camera(), np.array(camera.to_world)
+    if camera.projection == "orthographic":
+        # The size of its film is a part of the sensor's matrix.
+        before = np.array(sensor.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+        matrix = matrix @ np.linalg.inv(own.to_world) @ before
+    elif camera.x_fov != own.x_fov:
         parameters[names["x_fov"]] = mi.Float(camera.x_fov)
+    parameters[key] = type(parameters[key])(matrix)
     parameters.update()
 
 

@@ -350,3 +350,23 @@ def test_a_picture_is_exposed_while_things_move(tmp_path, capsys):
     assert "shapes.cone: must be the id of one shape of the scene" in capsys.readouterr().err
     assert cli.main([*arguments[:-1], str(tmp_path / "no.toml"), *output]) == 1
     assert "no.toml" in capsys.readouterr().err
+
+
+def test_a_scene_with_a_motion_of_its_own_is_not_animated(tmp_path, capsys):
+    scene, roll, motion = (tmp_path / name for name in ("ball.xml", "roll.toml", "motion.toml"))
+    motion.write_text("[shutter]\nclose = 1\n", encoding="utf-8")
+    nested = f"""<integrator type="focus"><string name="motion" value="{motion}"/>
+        <integrator type="direct"/></integrator>"""
+    xml = BALL.replace('<integrator type="direct"/>', nested)
+    scene.write_text(xml, encoding="utf-8")
+    for text in (ROLL, PULL):
+        roll.write_text(text, encoding="utf-8")
+        assert animate(tmp_path / "frames", str(scene), str(roll), "-D", "x=0") == 1
+        assert "has one, for a single picture" in capsys.readouterr().err
+
+
+def test_a_shutter_without_anything_that_moves_is_told_of(tmp_path, pull):
+    still = tmp_path / "still.toml"
+    still.write_text(PULL + "[shutter]\nclose = 0.5\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match="shutter: has no effect"):
+        assert animate(tmp_path / "frames", FIGURE, str(still), *SMALL, "--frames", "0-0") == 0

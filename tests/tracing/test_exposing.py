@@ -237,3 +237,71 @@ def test_a_shape_without_an_id_is_called_as_the_samples_call_it():
     samples = pm.render_samples(scene, motion=motion(shapes=moves), sampling=NO_MORE)
     moved = np.abs(samples.motion[:, 1]) > 0.1
     np.testing.assert_array_equal(moved, surfaces(samples, "Sphere_2"))
+
+
+def test_a_shape_may_enter_the_picture_while_it_is_exposed():
+    entering = {"ball": {"translate": [[0, [-3, 0, 0]], [1, [0, 0, 0]]]}}
+    samples = pm.render_samples(still_life(spp=8), motion=motion(shapes=entering))
+    ball = surfaces(samples, "ball")
+    assert samples.instants > 3
+    assert 0 < len(np.unique(samples.time[ball])) < samples.instants
+    assert np.isfinite(samples.motion).all()
+    assert np.isfinite(np.array(pm.focus(samples))).all()
+
+
+@pytest.mark.parametrize(
+    "moves",
+    [
+        {"shapes": {"ball": {"translate": [[0, [-1, 0, 0]], [0.5, [1, 0, 0]], [1, [-1, 0, 0]]]}}},
+        {"camera": {"pan": [[0, -15], [0.5, 15], [1, -15]]}},
+    ],
+    ids=["shape", "camera"],
+)
+def test_what_comes_back_to_where_it_began_has_been_away(moves):
+    samples = pm.render_samples(still_life(spp=8), motion=motion(**moves))
+    assert samples.instants > 2
+    assert np.abs(samples.motion[:, 0]).max() > 2
+
+
+def test_paths_end_before_the_camera_and_are_no_longer_than_a_picture_or_two():
+    towards = {"ball": {"translate": [[0, [0, 0, 0]], [1, [0, 0, -2.1]]]}}
+    samples = pm.render_samples(still_life(), motion=motion(shapes=towards), sampling=NO_MORE)
+    diagonal = np.hypot(24, 16)
+    assert np.hypot(*samples.motion[:, :2].T).max() <= 2.001 * diagonal
+    assert samples.window.width <= 24 + 2 * diagonal + 4
+    passing = {"ball": {"translate": [[0, [0.4, 0, 0]], [1, [0.4, 0, -8]]]}}
+    samples = pm.render_samples(still_life(), motion=motion(shapes=passing), sampling=NO_MORE)
+    assert np.isfinite(samples.motion).all()
+
+
+def test_an_orthographic_camera_may_turn_and_go_along_its_axis():
+    sensor = {
+        "type": "potmesil_orthographic",
+        "half_angle": 3.0,
+        "focus_distance": 3.0,
+        "to_world": mi.ScalarTransform4f().scale([3, 3, 1]),
+    }
+    scene = still_life(sensor=sensor, spp=8)
+    turning = motion(camera={"pan": [[0, -1], [1, 1]]}, shutter={"instants": 2})
+    samples = pm.render_samples(scene, motion=turning, sampling=NO_MORE)
+    assert samples.camera.film_width == pytest.approx(6)
+    sky = ~np.isfinite(samples.z)
+    assert 0 < sky.sum() < len(sky)
+    np.testing.assert_array_equal(samples.motion[sky], 0)
+    nearer = motion(camera={"origin": [[0, [0, 0, 0]], [1, [0, 0, 1]]]}, shutter={"instants": 2})
+    samples = pm.render_samples(scene, motion=nearer, sampling=NO_MORE)
+    assert np.abs(samples.motion[:, 2]).max() == pytest.approx(0.5, rel=1e-4)
+    assert np.isfinite(np.array(pm.focus(samples))).all()  # and no sample is dropped
+
+
+def test_the_camera_of_an_exposure_is_that_of_its_middle():
+    zooming = motion(camera={"zoom": [[0, 1], [1, 3]]}, shutter={"instants": 2})
+    scene = still_life()
+    own = scene.sensors()[0].camera().focal_length_pixels
+    samples = pm.render_samples(scene, motion=zooming, sampling=NO_MORE)
+    assert samples.camera.focal_length_pixels == pytest.approx(2 * own, rel=1e-5)
+
+
+def test_a_triangle_has_more_than_one_instant():
+    short = crossing(0.05, profile="triangle")
+    assert pm.render_samples(still_life(spp=16), motion=short).instants >= 4
