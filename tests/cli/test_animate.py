@@ -365,6 +365,7 @@ def test_a_scene_with_a_motion_of_its_own_is_not_animated(tmp_path, capsys):
         assert "has one, for a single picture" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("always:.*has no effect")
 def test_a_shutter_without_anything_that_moves_is_told_of(tmp_path, capsys):
     still = tmp_path / "still.toml"
     still.write_text(PULL + "[shutter]\nclose = 0.5\n", encoding="utf-8")
