@@ -107,9 +107,12 @@ def exposed(
                 report("Exposing", i / count)
                 poses.place(part.middle)
                 share = sample_count(sensor.sampler(), spp // count + (i < spp % count))
-                sweep = poses.sweep(part, reach) if longest >= LEAST_PATH else None
+                moves = longest >= LEAST_PATH
+                sweep = poses.sweep(part, reach) if moves else None
                 samples = sampled(share, _seed(seed, i), sweep)
-                found.append(_in_motion(samples, poses, part, (i + 0.5) / count))
+                if moves:
+                    samples = _in_motion(samples, poses, part, (i + 0.5) / count)
+                found.append(samples)
         poses.place(whole.middle)
         return _joined(found, sensor.camera(), sensor.lens())
 
@@ -332,12 +335,18 @@ def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -
     if samples.through is not None:
         # An image moves with the camera, and not as the thing that it is of.
         surface = np.where(samples.through > 0, 0, surface)
-    path = poses.path(samples.x, samples.y, samples.z, Surfaces(surface, part))
+    which = np.arange(len(samples))
+    if poses.motion.camera is None:
+        which = np.flatnonzero(np.isin(surface, list(poses.moving)))
+    places = samples.x[which], samples.y[which], samples.z[which]
+    path = np.zeros((len(samples), 3), np.float32)
+    if len(which) > 0:
+        path[which] = poses.path(*places, Surfaces(surface[which], part))
     moves = np.hypot(path[:, 0], path[:, 1]).max(initial=0) >= LEAST_PATH
     moves |= bool((np.abs(path[:, 2]) >= LEAST_CHANGE * samples.z).any())
     return samples.replace(
         time=np.full(len(samples), time, np.float32),
-        motion=path.astype(np.float32) if moves else None,
+        motion=path if moves else None,
     )
 
 
@@ -349,7 +358,7 @@ def _joined(
     ``camera`` and ``lens`` are those at the middle of the exposure.
     """
     if len(found) == 1:
-        return found[0].replace(time=None) if found[0].motion is None else found[0]
+        return found[0] if found[0].motion is not None else found[0].replace(time=None)
     columns = Columns.joined(found)
     weight = columns.weight / np.float32(len(found))
     names: Mapping[int, str] = found[0].surfaces

@@ -1,5 +1,7 @@
 """Pictures of samples that move while they are exposed."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -49,7 +51,13 @@ def exposure(motion=(0, 0, 0), *, time=0.0, edge=16.0, background=(0, 0, 0)):
     )
 
 
-def mean_of_instants(count=24, method="layered", **moves):
+@functools.cache
+def of_instants(focus_distance, moves, count=16):
+    """The mean of instants of some moves, which several tests compare with."""
+    return mean_of_instants(count, lens=lens(focus_distance), **dict(moves))
+
+
+def mean_of_instants(count=16, method="layered", **moves):
     """The picture of an exposure as the mean of pictures of things that stand still."""
     lens = moves.pop("lens")
     times = (np.arange(count) + 0.5) / count - 0.5
@@ -77,7 +85,7 @@ def lens(focus_distance, aperture_radius=0.05):
 )
 def test_an_exposure_is_the_mean_of_its_instants(moves, focus_distance, method):
     through = lens(focus_distance)
-    expected = mean_of_instants(lens=through, **moves)
+    expected = of_instants(focus_distance, tuple(moves.items()))
     found = np.array(pm.focus(exposure(**moves), through, method=method))
     still = np.array(pm.focus(exposure(), through, method=method))
     assert psnr(found, expected) > 36
