@@ -96,11 +96,10 @@ def reference(
     sensor = pm.potmesil_sensor(scene.sensors()[0])
     camera, shutter = sensor.camera(), motion.shutter_of(sensor.camera())
     shapes = PosedShapes(scene, motion.shapes)
-    centres = {name: shapes.centre(name) for name in motion.shapes}
     count, total = arguments.instants, 0.0
     for i in range(count // 2):
         frame = motion.frame + shutter.frame_when((2 * i + half + 0.5) / count)
-        shapes.place(motion.transforms_at(centres, frame))
+        shapes.place(motion.transforms_at(shapes.centres, frame))
         placed(sensor, motion.camera_at(camera, frame))
         lens = thinlens_sensor(sensor, spp=arguments.reference_spp)
         total = total + np.array(mi.render(scene, sensor=lens, seed=2 * i + half), np.float64)
@@ -119,25 +118,25 @@ def costs():
         "moving, 512x512, 16 samples a pixel, layered: seconds (medians of 5)",
         ["path in pixels", "f-number", "instants", "sampling", "first focus", "refocus", "/ still"],
     )
-    for f_number in F_NUMBERS[:1]:
-        scene = mi.load_file(str(SCENE), optimize=False, res=512, spp=16, f_number=f_number)
-        camera = scene.sensors()[0].camera()
-        still = None
-        for pixels in (0, *LENGTHS):
-            angle = math.degrees(math.atan(pixels / camera.focal_length_pixels))
-            motion = pm.Motion.from_dict(
-                {"camera": {"pan": [[0, -180 - angle / 2], [1, -180 + angle / 2]]}, "shutter": {}}
-            )
-            samples, sampling = _samples(scene, motion)
-            session = pm.FocusSession(samples)
-            lenses = iter([samples.lens.replace(focus_distance=8 + i / 10) for i in range(20)])
-            focus = functools.partial(_refocused, session, lenses)
-            _, first, steady = first_and_steady(focus, 5)
-            still = steady if still is None else still
-            result.add_row(
-                str(pixels), f"{f_number:g}", str(samples.instants), f"{sampling:.2f}",
-                f"{first:.2f}", f"{steady:.3f}", f"{steady / still:.2f}",
-            )  # fmt: skip
+    f_number = F_NUMBERS[0]
+    scene = mi.load_file(str(SCENE), optimize=False, res=512, spp=16, f_number=f_number)
+    camera = scene.sensors()[0].camera()
+    still = None
+    for pixels in (0, *LENGTHS):
+        angle = math.degrees(math.atan(pixels / camera.focal_length_pixels))
+        motion = pm.Motion.from_dict(
+            {"camera": {"pan": [[0, -180 - angle / 2], [1, -180 + angle / 2]]}, "shutter": {}}
+        )
+        samples, sampling = _samples(scene, motion)
+        session = pm.FocusSession(samples)
+        lenses = iter([samples.lens.replace(focus_distance=8 + i / 10) for i in range(20)])
+        focus = functools.partial(_refocused, session, lenses)
+        _, first, steady = first_and_steady(focus, 5)
+        still = steady if still is None else still
+        result.add_row(
+            str(pixels), f"{f_number:g}", str(samples.instants), f"{sampling:.2f}",
+            f"{first:.2f}", f"{steady:.3f}", f"{steady / still:.2f}",
+        )  # fmt: skip
     return result
 
 

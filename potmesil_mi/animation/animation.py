@@ -20,8 +20,8 @@ from ..motion.camera_move import CameraMove
 from ..motion.motion import MOTION_TABLES, Motion, Moves, moves_of
 from ..motion.shape_move import ShapeMove
 from ..motion.shutter import Shutter
-from ..motion.toml import read_toml, require_tables, table_of
-from ..motion.track import Scale, Track, is_list_of_keys, named, values_at
+from ..motion.toml import read_toml, table_of
+from ..motion.track import Scale, Track, is_list_of_keys, named, require_known, values_at
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
@@ -132,7 +132,7 @@ class Animation(Moves):
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown, missing or wrong.
         """
-        require_tables(values, ("frames", "fps", "lens", "filters", *MOTION_TABLES))
+        require_known(values, ("frames", "fps", "lens", "filters", *MOTION_TABLES))
         if "frames" not in values:
             raise ValueError("frames: must be given, a number of frames or [first, last]")
         filters = values.get("filters", [])

@@ -56,8 +56,7 @@ def view_of_exposure(
         densities.append(found.density)
         seen = gathered.seen
         if seen is not None:
-            pixels = samples.camera.focal_length_pixels * subpixels
-            seen = points.nearest(seen, part.visibility_points, radius_per_vergence / pixels)
+            seen = points.nearest(seen, part, radius_per_vergence, subpixels)
         views.append(
             LensView.of(
                 found.fragments, radius_per_vergence, points, single_points, seen_of_known=seen

@@ -101,6 +101,14 @@ class Fragments:
         first = self.gap_in_front == 0
         return first if self.known is None else first & (self.known < 0)
 
+    @functools.cached_property
+    def path_reach(self) -> tuple[float, float]:
+        """By how many subpixels, and how much vergence, any moves to either side of where it is."""
+        if self.motion is None or len(self) == 0:
+            return 0.0, 0.0
+        across, down, deeper = np.abs(self.motion).max(axis=0) / 2
+        return float(max(across, down)), float(deeper)
+
     @property
     def nbytes(self) -> int:
         """Memory of the columns in bytes."""

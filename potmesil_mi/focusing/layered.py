@@ -129,8 +129,7 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         found = memo.get(("fragments", about), fragments)
         seen = found.seen
         if seen is not None:
-            pixels = samples.camera.focal_length_pixels * subpixels
-            seen = lens_points.nearest(seen, samples.visibility_points, radius / pixels)
+            seen = lens_points.nearest(seen, samples, radius, subpixels)
         view = LensView.of(found.fragments, radius, lens_points, not diffracts, located, seen)
         return ViewPyramid(view, found.density, found.moments)
 

@@ -72,13 +72,16 @@ class LensPoints:
             corner / (2 * lens.vignetting) if lens.vignetting > 0 else math.inf,
         )
 
-    def nearest(self, seen: np.ndarray, known: np.ndarray, radius: float) -> np.ndarray:
+    def nearest(
+        self, seen: np.ndarray, samples: PointSamples, radius_per_vergence: float, subpixels: int
+    ) -> np.ndarray:
         """What the points see, uint8 (n, M), where it is known for others: that of the nearest.
 
-        ``seen``, (n, K), is for the points ``known``, (K, 2), in scene units, and ``radius`` that
-        of the aperture.
+        ``seen``, (n, K), is for the K ``visibility_points`` of ``samples``, which are gathered on
+        ``subpixels`` on a side of a pixel; ``radius_per_vergence`` is that of the aperture there.
         """
-        apart = self.points[:, None] * radius - known
+        radius = radius_per_vergence / (samples.camera.focal_length_pixels * subpixels)
+        apart = self.points[:, None] * radius - samples.visibility_points
         return np.ascontiguousarray(seen[:, np.argmin((apart**2).sum(axis=-1), axis=1)])
 
     @property

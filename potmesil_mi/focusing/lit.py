@@ -45,11 +45,8 @@ def lit_by_points(depth_slice: DepthSlice, points: PointPlan) -> np.ndarray:
     some, part = points.occluded.fragments, points.part
     radii = np.abs(some.vergence[part] - np.float32(blur.focused_vergence))
     radii *= np.float32(blur.radius_per_vergence)
-    along, deeper = np.zeros_like(radii), np.zeros_like(radii)
-    if some.motion is not None:
-        motion = np.abs(some.motion[part]) / 2
-        along = motion[:, :2].max(axis=1) / points.pixel
-        deeper = motion[:, 2] * np.float32(blur.radius_per_vergence)
+    along, deeper = some.path_reach
+    deeper = np.float32(deeper * blur.radius_per_vergence)
     x, y = (
         of[part] // points.pixel - first for of, first in ((some.x, box.left), (some.y, box.top))
     )
@@ -65,8 +62,8 @@ def lit_by_points(depth_slice: DepthSlice, points: PointPlan) -> np.ndarray:
         here = (first <= octave) & (octave <= last)
         cells = _dark(1, box, CELL)
         _mark(cells, 0, x[here], y[here], CELL)
-        reach = points.occluded.reach * radii[here] + along[here]
-        reach = float(reach.max(initial=0)) + BESIDE
+        reach = points.occluded.reach * float(radii[here].max(initial=0)) + BESIDE
+        reach += along / points.pixel
         size = 2 * math.ceil(reach / CELL) + 1
         near = scipy.ndimage.maximum_filter(cells[0], size, mode="constant")
         down, across = lit.shape[1:]

@@ -187,17 +187,6 @@ def _smeared(resolution: int) -> float:
     return float(3 / 16 * steps.sum() - SUBPIXEL_VARIANCE / resolution**2 + LINEAR_VARIANCE)
 
 
-def _path_reach(fragments: Fragments, radius_per_vergence: float, pixel: int) -> float:
-    """Pixels, ``pixel`` subpixels wide, beyond still ones that light of moving fragments reaches.
-
-    Circles grow by ``radius_per_vergence`` pixels of radius for a unit of vergence.
-    """
-    if fragments.motion is None or len(fragments) == 0:
-        return 0.0
-    across, down, deeper = np.abs(fragments.motion).max(axis=0) / 2
-    return float(max(across, down) / pixel + deeper * radius_per_vergence)
-
-
 class _SlicePlanner:
     """Plans the slice of one band on one raster."""
 
@@ -358,11 +347,14 @@ class _SlicePlanner:
     def _reach(self, kernels: list[np.ndarray]) -> int:
         """Pixels beyond the fragments that their light may reach."""
         cell = math.sqrt(2 / self.view.occluded.count) * CELL_RADIUS
-        along = [
-            _path_reach(of, self.blur.radius_per_vergence, pixel)
-            for of, pixel in zip(self.view.kinds[1:], (1, self.raster.resolution), strict=True)
+        paths = [
+            along / pixel + deeper * self.blur.radius_per_vergence
+            for (along, deeper), pixel in (
+                (self.view.occluded.fragments.path_reach, 1),
+                (self.view.highlights.fragments.path_reach, self.raster.resolution),
+            )
         ]
-        cells = math.ceil(self.outer * (1 + cell) + max(along)) + 3
+        cells = math.ceil(self.outer * (1 + cell) + max(paths)) + 3
         if self.factory.diffracts:
             cells += max(self.factory.in_focus().shape) // 2
         return max([cells, *(max(kernel.shape) // 2 + 1 for kernel in kernels)]) + MOVED_REACH

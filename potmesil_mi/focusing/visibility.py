@@ -71,7 +71,8 @@ def visibility(
     covering = _may_be_covered(fragments, coverable, -radius_per_vergence, apart)
     ends = fragments.vergence.min(), fragments.vergence.max()
     middle = (ends[0] + ends[1]) / 2
-    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2 + _reach_of(fragments)) + 3
+    along, _ = fragments.path_reach
+    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2 + along) + 3
     frame = _Frame(fragments.width + 2 * margin, fragments.height + 2 * margin)
     at_once = max(1, MAX_COVERED // frame.size)
     covers = _Covers.of(fragments, radius_per_vergence).chosen(covering)
@@ -95,13 +96,6 @@ def _relative_path(motion: np.ndarray | None) -> float:
     if motion is None or len(motion) == 0:
         return 0.0
     return float(np.hypot(*np.ptp(motion[:, :2], axis=0)))
-
-
-def _reach_of(fragments: Fragments) -> float:
-    """How far fragments move to each side of where they are, in subpixels."""
-    if fragments.motion is None or len(fragments) == 0:
-        return 0.0
-    return float(np.abs(fragments.motion[:, :2]).max()) / 2
 
 
 class Jitter:

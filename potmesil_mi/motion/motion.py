@@ -17,8 +17,8 @@ from ..optics.camera import Camera
 from .camera_move import CameraMove
 from .shape_move import ShapeMove
 from .shutter import Shutter
-from .toml import read_toml, require_tables, table_of
-from .track import named
+from .toml import read_toml, table_of
+from .track import named, require_known
 
 
 class Moves:
@@ -86,7 +86,7 @@ class Motion(Moves):
 
         Raises ``ValueError`` or ``TypeError`` that names what is unknown or wrong.
         """
-        require_tables(values, MOTION_TABLES)
+        require_known(values, MOTION_TABLES)
         return cls(**moves_of(values))
 
     def during(self, shutter: Shutter) -> Motion:

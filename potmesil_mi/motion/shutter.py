@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
 from .._validation import require_choice, require_number, require_whole
+from .track import require_known
 
 Profile = Literal["box", "triangle"]
 """How a shutter opens and closes."""
@@ -54,10 +55,7 @@ class Shutter:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Shutter:
         """The shutter of a TOML table. Raises ``ValueError`` or ``TypeError`` for a wrong one."""
-        known = [field.name for field in dataclasses.fields(cls)]
-        for name in values:
-            if name not in known:
-                raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
+        require_known(values, (field.name for field in dataclasses.fields(cls)))
         return cls(**values)
 
     def frame_when(self, light: float) -> float:

@@ -33,13 +33,6 @@ def read_toml(path: str | os.PathLike[str], made: Callable[[Mapping[str, Any]], 
         return made(values)
 
 
-def require_tables(values: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    """Raise ``ValueError`` for a name of ``values`` that is not ``known``."""
-    for name in values:
-        if name not in known:
-            raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
-
-
 def table_of(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """The table of a name, empty where there is none. Raises ``TypeError`` for another value."""
     table = values.get(name, {})

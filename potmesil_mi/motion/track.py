@@ -6,7 +6,7 @@ import bisect
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -177,13 +177,20 @@ def tracks_of(
 
     Raises ``ValueError`` or ``TypeError`` that names what is unknown or wrong.
     """
+    require_known(values, kinds)
     tracks: dict[str, Any] = {}
     for name, value in values.items():
         with named(name):
-            if name not in kinds:
-                raise ValueError(f"unknown, must be one of {', '.join(kinds)}")
             tracks[name] = kinds[name].of(value)
     return tracks
+
+
+def require_known(names: Iterable[str], known: Iterable[str]) -> None:
+    """Raise ``ValueError`` for one of the ``names`` that is not ``known``."""
+    known = tuple(known)
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
 
 
 @contextlib.contextmanager

@@ -21,11 +21,9 @@ _FLOAT: dict[str, Any] = {"dtype": np.float32, "channels": 0}
 _RGB: dict[str, Any] = {"dtype": np.float32, "channels": 3}
 _ID: dict[str, Any] = {"dtype": np.uint32, "channels": 0}
 _LAYER: dict[str, Any] = {"dtype": np.uint8, "channels": 0}
-_THROUGH: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
+_OPTIONAL_FLOAT: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
 _VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": True}
-_FEATURE: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
-_TIME: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
-_MOTION: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
+_OPTIONAL_VECTOR: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
 
 ELSEWHERE = 255
 """``layer`` of what is on none of the rays of the pinhole."""
@@ -95,12 +93,12 @@ class Columns:
     surface: np.ndarray = dataclasses.field(metadata=_ID)
     weight: np.ndarray = dataclasses.field(metadata=_FLOAT)
     layer: np.ndarray = dataclasses.field(default=OF_DEFAULT, metadata=_LAYER)
-    through: np.ndarray | None = dataclasses.field(default=None, metadata=_THROUGH)
+    through: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_FLOAT)
     visibility: np.ndarray | None = dataclasses.field(default=None, metadata=_VISIBILITY)
-    albedo: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
-    normal: np.ndarray | None = dataclasses.field(default=None, metadata=_FEATURE)
-    time: np.ndarray | None = dataclasses.field(default=None, metadata=_TIME)
-    motion: np.ndarray | None = dataclasses.field(default=None, metadata=_MOTION)
+    albedo: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
+    normal: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
+    time: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_FLOAT)
+    motion: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
 
     def __post_init__(self) -> None:
         count = len(self.x)

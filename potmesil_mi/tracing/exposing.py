@@ -7,7 +7,6 @@ the sample along with its surface, as section 3.1 of Potmesil & Chakravarty (198
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 import math
@@ -90,14 +89,16 @@ def exposed(
     ``sensor`` is a ``potmesil`` or ``potmesil_orthographic``. The scene and the sensor are left as
     they were found.
     """
-    with _posed(scene, sensor, motion) as poses:
+    poses = _Poses(scene, sensor, motion)
+    try:
         shutter = motion.shutter_of(poses.camera)
         whole = _parts(shutter, motion.frame, 1)[0]
         longest = poses.longest_path(whole)
+        moves = longest >= LEAST_PATH
         count = shutter.instants
         if count is None:
             count = min(math.ceil(longest / LONGEST_PATH), MOST_INSTANTS)
-            if shutter.profile != "box" and longest >= LEAST_PATH:
+            if shutter.profile != "box" and moves:
                 count = max(count, LEAST_INSTANTS)
         count = max(1, min(count, spp))
         reach = min(longest / count, poses.diagonal) / 2
@@ -107,7 +108,6 @@ def exposed(
                 report("Exposing", i / count)
                 poses.place(part.middle)
                 share = sample_count(sensor.sampler(), spp // count + (i < spp % count))
-                moves = longest >= LEAST_PATH
                 sweep = poses.sweep(part, reach) if moves else None
                 samples = sampled(share, _seed(seed, i), sweep)
                 if moves:
@@ -115,14 +115,13 @@ def exposed(
                 found.append(samples)
         poses.place(whole.middle)
         return _joined(found, sensor.camera(), sensor.lens())
+    finally:
+        poses.restore()
 
 
 def require_motions(scene: mi.Scene, sensor: mi.Sensor, motions: Sequence[Motion]) -> None:
     """Raise what :func:`exposed` would raise for motions, of the same shapes, of an animation."""
-    if not motions:
-        return
-    shapes, camera = PosedShapes(scene, motions[0].shapes), sensor.camera()
-    centres = {name: shapes.centre(name) for name in motions[0].shapes}
+    centres, camera = PosedShapes(scene, motions[0].shapes).centres, sensor.camera()
     for motion in motions:
         for part in _parts(motion.shutter_of(camera), motion.frame, 1):
             for frame in part:
@@ -143,15 +142,23 @@ def _seed(seed: int, instant: int) -> int:
     return int(mi.sample_tea_32(mi.UInt32(seed), mi.UInt32(instant ^ 0x5EED))[0][0])
 
 
+class _Seen(NamedTuple):
+    """What the pinhole sees at a ``frame``: pixels, depth and ids of surfaces, (N,) each."""
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    surface: np.ndarray
+    frame: float
+
+
 class _Poses:
     """A scene and its sensor, which can be posed for any frame."""
 
-    def __init__(
-        self, scene: mi.Scene, sensor: mi.Sensor, motion: Motion, shapes: PosedShapes
-    ) -> None:
-        self.scene, self.sensor, self.motion, self.shapes = scene, sensor, motion, shapes
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, motion: Motion) -> None:
+        self.scene, self.sensor, self.motion = scene, sensor, motion
+        self.shapes = PosedShapes(scene, motion.shapes)
         self.camera: Camera = sensor.camera()
-        self.centres = {name: shapes.centre(name) for name in motion.shapes}
         self.ids, surfaces = surface_ids(scene)
         self.surface_count = max(surfaces)
         self.moving = {id_: name for id_, name in surfaces.items() if name in motion.shapes}
@@ -175,57 +182,60 @@ class _Poses:
         """Of the crop window, in pixels."""
         return math.hypot(*self.camera.crop_size)
 
-    def path(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, of: Surfaces) -> np.ndarray:
-        """By how much x, y and z change from the begin to the end of a part, float64 (N, 3).
+    def paths(self, seen: _Seen, frames: Sequence[float]) -> Iterator[np.ndarray]:
+        """By how much x, y and z change from each of the ``frames`` to the next, float64 (N, 3).
 
-        They are where samples are seen at the middle of the part. A path ends where it comes as
-        near as the near clipping plane, and is no longer than ``LONGEST`` diagonals.
+        A path ends where it comes as near as the near clipping plane, and is no longer than
+        ``LONGEST`` diagonals.
         """
-        far = ~np.isfinite(z)
-        depth = z.astype(np.float64)
+        far = ~np.isfinite(seen.z)
+        depth = seen.z.astype(np.float64)
         depth[far] = BEYOND * max(depth[~far].max(initial=0.0), 1.0)
-        pixels = np.stack([x, y], axis=-1).astype(np.float64)
-        camera = self.motion.camera_at(self.camera, of.part.middle)
+        pixels = np.stack([seen.x, seen.y], axis=-1).astype(np.float64)
+        camera = self.motion.camera_at(self.camera, seen.frame)
         own = np.asarray(camera.camera_from_pixel(pixels, depth))
         world = transform_points(camera.world_from_camera(), own)
-        places = []
-        for frame in (of.part.begin, of.part.end):
-            camera = self.motion.camera_at(self.camera, frame)
-            there = transform_points(camera.camera_from_world(), self._moved(world, of, frame))
-            near = np.minimum(camera.near_clip, depth)
-            apart = depth - there[:, 2]
-            part = np.where(there[:, 2] < near, (depth - near) / np.maximum(apart, TINY), 1)
-            there = own + part[:, None] * (there - own)
-            places.append(np.column_stack([camera.pixel_from_camera(there), there[:, 2]]))
-        path = places[1] - places[0]
-        path[far, 2] = 0
-        if self.camera.projection == "orthographic":
-            path[far] = 0  # What is infinitely far is the same all over the picture.
-        length = np.maximum(np.hypot(path[:, 0], path[:, 1]), TINY)
-        deeper = np.maximum(np.abs(path[:, 2]), TINY)
-        part = np.minimum(LONGEST * self.diagonal / length, MOST_CHANGE * depth / deeper)
-        return path * np.minimum(part, 1)[:, None]
+        places = (self._places(seen, own, world, frame) for frame in frames)
+        for before, after in itertools.pairwise(places):
+            path = after - before
+            path[far, 2] = 0
+            if self.camera.projection == "orthographic":
+                path[far] = 0  # What is infinitely far is the same all over the picture.
+            length = np.maximum(np.hypot(path[:, 0], path[:, 1]), TINY)
+            deeper = np.maximum(np.abs(path[:, 2]), TINY)
+            part = np.minimum(LONGEST * self.diagonal / length, MOST_CHANGE * depth / deeper)
+            yield path * np.minimum(part, 1)[:, None]
 
-    def _moved(self, world: np.ndarray, of: Surfaces, frame: float) -> np.ndarray:
-        """Where points of the world, (N, 3), of surfaces are at a frame."""
-        moved = world.copy()
-        before, after = self._transforms(of.part.middle), self._transforms(frame)
-        for id_, name in self.moving.items():
-            which = of.surface == id_
-            matrix = after[name] @ np.linalg.inv(before[name])
-            moved[which] = world[which] @ matrix[:3, :3].T + matrix[:3, 3]
-        return moved
+    def _places(self, seen: _Seen, own: np.ndarray, world: np.ndarray, frame: float) -> np.ndarray:
+        """Where what is ``seen`` is in the picture at a frame, x, y and z, (N, 3).
+
+        ``own`` and ``world``, (N, 3), are where it is to the camera and in the world when it is
+        seen.
+        """
+        camera, moved = self.motion.camera_at(self.camera, frame), world.copy()
+        for id_, matrix in self._since(seen.frame, frame).items():
+            which = seen.surface == id_
+            moved[which] = transform_points(matrix, world[which])
+        there = transform_points(camera.camera_from_world(), moved)
+        depth = own[:, 2]
+        near = np.minimum(camera.near_clip, depth)
+        apart = depth - there[:, 2]
+        part = np.where(there[:, 2] < near, (depth - near) / np.maximum(apart, TINY), 1)
+        there = own + part[:, None] * (there - own)
+        return np.column_stack([camera.pixel_from_camera(there), there[:, 2]])
+
+    def _since(self, before: float, frame: float) -> dict[int, np.ndarray]:
+        """What has moved surfaces, by their ids, since the frame ``before``: matrices (4, 4)."""
+        first, last = self._transforms(before), self._transforms(frame)
+        return {id_: last[name] @ np.linalg.inv(first[name]) for id_, name in self.moving.items()}
 
     def sweep(self, part: _Part, reach: float) -> Sweep:
         """What moves in a part of an exposure, things by up to ``reach`` pixels to each side."""
-        ends = []
-        camera, before = self._view(part.middle), self._transforms(part.middle)
-        for frame in (part.begin, part.end):
-            after = self._transforms(frame)
-            shapes = {
-                id_: after[name] @ np.linalg.inv(before[name]) for id_, name in self.moving.items()
-            }
-            ends.append(Ends(shapes, self._view(frame) @ np.linalg.inv(camera)))
+        own = np.linalg.inv(self._view(part.middle))
+        ends = [
+            Ends(self._since(part.middle, frame), self._view(frame) @ own)
+            for frame in (part.begin, part.end)
+        ]
         return Sweep.of(reach, self.surface_count, ends)
 
     def _view(self, frame: float) -> np.ndarray:
@@ -234,7 +244,7 @@ class _Poses:
 
     def _transforms(self, frame: float) -> dict[str, np.ndarray]:
         """The matrices of shapes that move, by their names."""
-        return self.motion.transforms_at(self.centres, frame)
+        return self.motion.transforms_at(self.shapes.centres, frame)
 
     def longest_path(self, exposure: _Part) -> float:
         """The longest path in the picture, in pixels, of what moves during it.
@@ -242,16 +252,14 @@ class _Poses:
         It is that of what is met in the crop window at some times, by how much circles of confusion
         change on it included, or that of the corners of a shape that moves, wherever it is.
         """
-        times = np.linspace(exposure.begin, exposure.end, STEPS + 1)
-        longest = self._longest_of_corners(times)
-        for middle in np.linspace(exposure.begin, exposure.end, PROBED):
-            self.place(float(middle))
-            x, y, z, surface = self._probed(float(middle))
-            total = np.zeros(len(x))
-            for begin, end in itertools.pairwise(times.tolist()):
-                part = _Part(begin, float(middle), end)
-                path = self.path(x, y, z, Surfaces(surface, part))
-                length = np.hypot(path[:, 0], path[:, 1]) + self._blur_of(z, path[:, 2])
+        frames = np.linspace(exposure.begin, exposure.end, STEPS + 1).tolist()
+        longest = self._longest_of_corners(frames)
+        for frame in np.linspace(exposure.begin, exposure.end, PROBED).tolist():
+            self.place(frame)
+            seen = self._probed(frame)
+            total = np.zeros(len(seen.z))
+            for path in self.paths(seen, frames):
+                length = np.hypot(path[:, 0], path[:, 1]) + self._blur_of(seen.z, path[:, 2])
                 total += np.minimum(length, self.diagonal)
             longest = max(longest, float(total.max(initial=0)))
         return longest
@@ -265,32 +273,29 @@ class _Poses:
         near = np.maximum(z - np.abs(deeper) / 2, self.camera.near_clip)
         return radius * np.abs(deeper) / near**2
 
-    def _longest_of_corners(self, times: np.ndarray) -> float:
+    def _longest_of_corners(self, frames: Sequence[float]) -> float:
         """The longest path of corners of the bounding boxes of shapes that move, in pixels.
 
         It is as long as if they moved across the line of sight.
         """
-        longest, steps = 0.0, list(itertools.pairwise(times.tolist()))
+        longest = 0.0
         for name in self.motion.shapes:
             corners, total = self.shapes.corners(name), 0.0
-            for begin, end in steps:
-                places = [
-                    transform_points(self._transforms(frame)[name], corners)
-                    for frame in (begin, end)
-                ]
-                camera = self.motion.camera_at(self.camera, begin)
-                apart = np.linalg.norm(places[1] - places[0], axis=1)
+            places = [transform_points(self._transforms(frame)[name], corners) for frame in frames]
+            for frame, (before, after) in zip(frames, itertools.pairwise(places), strict=False):
+                camera = self.motion.camera_at(self.camera, frame)
+                apart = np.linalg.norm(after - before, axis=1)
                 if camera.projection == "orthographic":
                     pixels = apart * camera.pixels_per_unit
                 else:
-                    away = np.linalg.norm(places[0] - camera.world_from_camera()[:3, 3], axis=1)
+                    away = np.linalg.norm(before - camera.world_from_camera()[:3, 3], axis=1)
                     pixels = apart * camera.focal_length_pixels / np.maximum(away, camera.near_clip)
                 total += min(float(pixels.max()), self.diagonal)
             longest = max(longest, total)
         return longest
 
-    def _probed(self, frame: float) -> tuple[np.ndarray, ...]:
-        """Pixels, depth and surface of what is met in the crop window at a frame."""
+    def _probed(self, frame: float) -> _Seen:
+        """What is met in the crop window at a frame."""
         camera = self.motion.camera_at(self.camera, frame)
         (left, top), (width, height) = camera.crop_offset, camera.crop_size
         middles = (np.arange(PROBES) + 0.5) / PROBES
@@ -309,24 +314,7 @@ class _Poses:
         z = camera.near_clip + np.array(hit.t).astype(np.float64) / length
         index = np.where(np.isfinite(z), np.array(registry_index(hit)), 0)
         surface = np.where(np.isfinite(z), np.array(self.ids)[index], 0)
-        return x, y, z, surface
-
-
-class Surfaces(NamedTuple):
-    """Ids of surfaces, (N,), and the part of the exposure during which they move."""
-
-    surface: np.ndarray
-    part: _Part
-
-
-@contextlib.contextmanager
-def _posed(scene: mi.Scene, sensor: mi.Sensor, motion: Motion) -> Iterator[_Poses]:
-    """A scene that can be posed, and is put back at the end."""
-    poses = _Poses(scene, sensor, motion, PosedShapes(scene, motion.shapes))
-    try:
-        yield poses
-    finally:
-        poses.restore()
+        return _Seen(x, y, z, surface, frame)
 
 
 def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -> PointSamples:
@@ -338,10 +326,10 @@ def _in_motion(samples: PointSamples, poses: _Poses, part: _Part, time: float) -
     which = np.arange(len(samples))
     if poses.motion.camera is None:
         which = np.flatnonzero(np.isin(surface, list(poses.moving)))
-    places = samples.x[which], samples.y[which], samples.z[which]
     path = np.zeros((len(samples), 3), np.float32)
     if len(which) > 0:
-        path[which] = poses.path(*places, Surfaces(surface[which], part))
+        places = samples.x[which], samples.y[which], samples.z[which], surface[which]
+        (path[which],) = poses.paths(_Seen(*places, part.middle), (part.begin, part.end))
     moves = np.hypot(path[:, 0], path[:, 1]).max(initial=0) >= LEAST_PATH
     moves |= bool((np.abs(path[:, 2]) >= LEAST_CHANGE * samples.z).any())
     return samples.replace(

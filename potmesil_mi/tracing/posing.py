@@ -49,12 +49,13 @@ class PosedShapes:
             box = shape.bbox()
             self._ends[name] = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
 
-    def centre(self, name: str) -> np.ndarray:
-        """The middle of the bounding box of a shape where the scene has it, (3,)."""
-        return self._ends[name].mean(axis=0)
+    @property
+    def centres(self) -> dict[str, np.ndarray]:
+        """The middles of the bounding boxes of the shapes where the scene has them, (3,) each."""
+        return {name: ends.mean(axis=0) for name, ends in self._ends.items()}
 
     def corners(self, name: str) -> np.ndarray:
-        """The corners of that box, (8, 3)."""
+        """The corners of such a box, (8, 3)."""
         return np.array(list(itertools.product(*self._ends[name].T)))
 
     def place(self, transforms: Mapping[str, np.ndarray]) -> None:

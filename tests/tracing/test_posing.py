@@ -76,8 +76,8 @@ def test_the_middle_of_a_shape_is_where_the_scene_has_it():
     posed = scene()
     shapes = PosedShapes(posed, ["ball", "box"])
     shapes.place({"box": np.diag([3.0, 3, 3, 1])})
-    np.testing.assert_allclose(shapes.centre("ball"), [-2, 0, 0], atol=1e-6)
-    np.testing.assert_allclose(shapes.centre("box"), [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(shapes.centres["ball"], [-2, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(shapes.centres["box"], [0, 1, 0], atol=1e-6)
 
 
 def test_shapes_that_cannot_be_moved_are_named(tmp_path):
