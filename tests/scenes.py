@@ -99,6 +99,21 @@ def synthetic(count=2000, *, size=(20, 14), seed=0, **fields):
     return pm.PointSamples(**{**columns, **fields})
 
 
+def evenly_spread(size, per_side=4, **fields):
+    """Samples of equal weight, one in each of per_side x per_side squares of every pixel."""
+    columns, rows = (n * per_side for n in size)
+    y, x = np.divmod(np.arange(rows * columns), columns)
+    jitter = np.random.default_rng(5).uniform(0.01, 0.99, (2, rows * columns))
+    return synthetic(
+        rows * columns,
+        size=size,
+        x=(x + jitter[0]) / per_side,
+        y=(y + jitter[1]) / per_side,
+        weight=np.full(rows * columns, 1 / per_side**2),
+        **fields,
+    )
+
+
 def overscanned(count=8000, *, film=(40, 30), crop=(2, 3, 20, 14), margin=5, seed=1):
     """Samples in three layers, of a crop window and ``margin`` pixels around it."""
     rng = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from .detail import Detail
 from .fragments import SHARE, Fragments
 
 EVEN = 1e-3
@@ -33,13 +34,14 @@ class Evened(NamedTuple):
     what the pinhole sees, 1 on the average; ``None`` where they are even. ``moments``, float32
     (height, width, K), tell where in the subpixel they were: the moments of the density, divided
     by it; ``None`` where the fragments have none. ``seen`` is that of
-    :class:`potmesil_mi.focusing.gathering.Gathered`.
+    :class:`potmesil_mi.focusing.gathering.Gathered`; ``detail`` the table of that of the fragments.
     """
 
     fragments: Fragments
     density: np.ndarray | None
     moments: np.ndarray | None
     seen: np.ndarray | None = None
+    detail: Detail | None = None
 
     @property
     def nbytes(self) -> int:
@@ -47,7 +49,7 @@ class Evened(NamedTuple):
         return sum(of.nbytes for of in self if of is not None)
 
 
-def evened(fragments: Fragments, reach: int) -> Evened:
+def evened(fragments: Fragments, reach: int, detail: Detail | None = None) -> Evened:
     """The ``fragments`` as if each subpixel had its full share of samples.
 
     A subpixel without a sample of what the pinhole sees borrows all fragments of the nearest one
@@ -60,7 +62,7 @@ def evened(fragments: Fragments, reach: int) -> Evened:
     total = np.bincount(subpixel[first], share[first], height * width)
     density = total.astype(np.float32).reshape(height, width)
     if np.abs(density - 1).max() < EVEN:
-        return Evened(fragments, None, _moments(fragments))
+        return _with_detail(Evened(fragments, None, _moments(fragments)), detail, None)
     sampled = density > 0
     if not sampled.all():
         fragments = fragments.chosen(sampled.ravel()[subpixel])
@@ -70,7 +72,18 @@ def evened(fragments: Fragments, reach: int) -> Evened:
         places, donors = _nearest(sampled, np.maximum(reach, sparse))
         fragments = _with_copies(fragments, places, donors)
         density.flat[places] = BORROWED_DENSITY
-    return Evened(fragments, density, _moments(fragments))
+    scale = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+    return _with_detail(Evened(fragments, density, _moments(fragments)), detail, scale)
+
+
+def _with_detail(found: Evened, detail: Detail | None, scale: np.ndarray | None) -> Evened:
+    """The same with the table of the fragments' detail, evened like these."""
+    if detail is None:
+        return found
+    table = detail.evened(found.fragments, scale)
+    rows = np.arange(len(found.fragments), dtype=np.int32)
+    fragments = dataclasses.replace(found.fragments, detail=rows)
+    return found._replace(fragments=fragments, detail=table)
 
 
 def _moments(fragments: Fragments) -> np.ndarray | None:

@@ -60,6 +60,9 @@ class Fragments:
     ``moments``                   float32 (N, K, 4 or 5), the ``values`` times each of the K
                                   polynomials of :func:`potmesil_mi.focusing.moments.orders`;
                                   ``None`` unless they were asked for, and on coarser subpixels
+    ``detail``                    int32 (N,), rows of a table of :class:`.detail.Detail`; ``None``
+                                  where it is not known. Light may be scaled only before the
+                                  table is evened
     ``known``                     int32 (N,), number of the fragment in a table of what lens
                                   points see, where that is known; else ``INFERRED`` or
                                   ``COVERS``. ``None`` where all is inferred
@@ -83,6 +86,7 @@ class Fragments:
     bin_width: float
     offset: np.ndarray | None = None
     moments: np.ndarray | None = None
+    detail: np.ndarray | None = None
     known: np.ndarray | None = None
     motion: np.ndarray | None = None
     instant: np.ndarray | None = None
@@ -149,6 +153,7 @@ class Fragments:
             gap_in_front=self.gap_in_front[order].astype(np.float32),
             bin=self.bin[order].astype(np.int32),
             moments=None if self.moments is None else self.moments[order].astype(np.float32),
+            detail=None if self.detail is None else self.detail[order].astype(np.int32),
             known=None if self.known is None else self.known[order],
             motion=None if self.motion is None else self.motion[order].astype(np.float32),
             instant=None if self.instant is None else self.instant[order].astype(np.int32),
@@ -259,6 +264,7 @@ class FragmentColumns:
     bin: jit.UInt32
     values: list[jit.Float]
     alpha: list[jit.Float]
+    detail: jit.Int32 | None
     offset: list[jit.Float] | None
     motion: list[jit.Float] | None
     instant: jit.UInt32 | None
@@ -275,8 +281,9 @@ class FragmentColumns:
             y=jit.Int32(fragments.y),
             vergence=jit.Float(fragments.vergence),
             bin=jit.UInt32(fragments.bin),
-            values=[jit.Float(np.ascontiguousarray(of[:, :4]).ravel()) for of in light],
-            alpha=[jit.Float(np.ascontiguousarray(of[:, 4])) for of in light if has_alpha],
+            values=[as_column(of[:, :4]) for of in light],
+            alpha=[as_column(of[:, 4]) for of in light if has_alpha],
+            detail=None if fragments.detail is None else jit.Int32(fragments.detail),
             offset=columns_of(fragments.offset),
             motion=columns_of(fragments.motion),
             instant=None if fragments.instant is None else jit.UInt32(fragments.instant),
@@ -285,7 +292,12 @@ class FragmentColumns:
 
 def columns_of(table: np.ndarray | None) -> list[jit.Float] | None:
     """The columns of a table (N, C) as Dr.Jit arrays, if there is one."""
-    return None if table is None else [jit.Float(np.ascontiguousarray(of)) for of in table.T]
+    return None if table is None else [as_column(of) for of in table.T]
+
+
+def as_column(values: np.ndarray) -> jit.Float:
+    """The values of an array, one after the other."""
+    return jit.Float(np.ascontiguousarray(values).ravel())
 
 
 def scatter_mode(density: float = math.inf) -> dr.ReduceMode:

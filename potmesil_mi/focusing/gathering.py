@@ -13,6 +13,7 @@ from .. import _backend as jit
 from ..samples.columns import ELSEWHERE, VISIBILITY_POINTS, points_that_see
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .detail import Detail, along_axes, joined
 from .fragments import (
     COVERS,
     INFERRED,
@@ -41,6 +42,43 @@ def gather(
     those of all depths of the samples, unless they are given. Only samples of which ``which``,
     bool (N,), is true are gathered, if it is given.
     """
+    terms = _Terms.of(degree)
+    return _gather(samples, subpixels, radius_per_vergence, alpha, terms, bins, which)[0]
+
+
+class _Terms(NamedTuple):
+    """Of which orders moments are summed.
+
+    ``every`` has those of the film first, without which there is no ``degree``; ``detail`` tells
+    which are those of the detail.
+    """
+
+    degree: int
+    every: list[tuple[int, int]]
+    detail: list[int]
+
+    @classmethod
+    def of(cls, degree: int, detail_degree: int = 0) -> _Terms:
+        every, needed = [(0, 0), *orders(degree)], along_axes(detail_degree)
+        every += [order for order in needed if order not in every]
+        return cls(degree, every, [every.index(order) for order in needed])
+
+    @property
+    def of_film(self) -> int:
+        """How many of them, from the first, the film asks for."""
+        return 1 + len(orders(self.degree))
+
+
+def _gather(
+    samples: PointSamples,
+    subpixels: int,
+    radius_per_vergence: float,
+    alpha: bool,
+    terms: _Terms,
+    bins: Bins | None,
+    which: np.ndarray | None,
+) -> tuple[Fragments, Detail | None]:
+    """What :func:`gather` returns, and the table of its detail."""
     if samples.lattice > 0:
         samples = one_subpixel_each(samples if which is None else samples.chosen(which), subpixels)
         which = None
@@ -59,7 +97,7 @@ def gather(
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
 
-    sums_alone = _SumsAlone(raster.size, alpha, degree)
+    sums_alone = _SumsAlone(raster.size, alpha, terms)
     others = [np.empty(0, np.int64)]
     for part, chosen in parts_of(len(samples), which):
         at = located(part)
@@ -70,18 +108,24 @@ def gather(
     index = np.concatenate(others)
     chosen = _Chosen(samples, index, samples.layer[index], samples.weight[index])
     other_place, other_layer, other_vergence, other_light, _ = _sorted_sums(
-        chosen, subpixels, alpha, degree, *places_of(located, index, bins)
+        chosen, subpixels, alpha, terms, *places_of(located, index, bins)
     )
     place, vergence, light = sums_alone.found(len(other_place))
-    light[len(place) :] = other_light
+    light[len(place) :] = other_light[:, : terms.of_film]
+    rows = np.concatenate([place, raster.size + np.arange(len(other_place))])
     hidden = np.concatenate([np.zeros(len(place), dtype=bool), other_layer > 0])
     place = np.concatenate([place, other_place])
     vergence = np.concatenate([vergence, other_vergence])
     gap = np.zeros(len(vergence))
     first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
     gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    found = _fragments(raster, bins, place, vergence, light, degree)
-    return dataclasses.replace(found, gap_in_front=gap).in_order()
+    found = _fragments(raster, bins, place, vergence, light)
+    found = dataclasses.replace(found, gap_in_front=gap)
+    detail = None
+    if terms.detail:
+        found = dataclasses.replace(found, detail=rows)
+        detail = sums_alone.detail().and_others(Detail.of(other_light[:, terms.detail]))
+    return found.in_order(), detail
 
 
 class Gathered(NamedTuple):
@@ -89,11 +133,12 @@ class Gathered(NamedTuple):
 
     ``seen``, uint8 (n, 64), is what each of ``PointSamples.visibility_points`` sees of them, 0 for
     nothing to 255 for all, a row for each number in ``fragments.known``; ``None`` where all is to
-    be inferred.
+    be inferred. ``detail`` is the table of that of the fragments, if it was asked for.
     """
 
     fragments: Fragments
     seen: np.ndarray | None = None
+    detail: Detail | None = None
 
 
 def gather_with_known(
@@ -103,35 +148,52 @@ def gather_with_known(
     alpha: bool = False,
     degree: int = 0,
     bins: Bins | None = None,
+    detail_degree: int = 0,
 ) -> Gathered:
     """Samples gathered as by :func:`gather`, those of known visibility apart from the others.
 
-    Those on rays of the pinhole cover what is behind them, or behind the mirror or pane that they
-    are seen through.
+    ``detail_degree`` is that of the moments that tell their detail. Those of known visibility that
+    are on rays of the pinhole cover what is behind them, or behind the mirror or pane that they are
+    seen through.
     """
+    terms = _Terms.of(degree, detail_degree)
     if samples.visibility is None or not samples.visibility.any():
-        return Gathered(gather(samples, subpixels, radius_per_vergence, alpha, degree, bins))
+        found, detail = _gather(
+            samples, subpixels, radius_per_vergence, alpha, terms, bins, which=None
+        )
+        return Gathered(found, None, detail)
     samples = one_subpixel_each(samples, subpixels)
     known, depth = np.asarray(samples.visibility) != 0, samples.z
     if samples.through is not None:
         depth = np.where(samples.through > 0, samples.through, depth)
     bins = bins or Bins.of(samples.z, radius_per_vergence, depth)
-    fragments, seen = _gathered_known(
-        samples, np.flatnonzero(known), subpixels, bins, alpha, degree
+    fragments, detail, seen = _gathered_known(
+        samples, np.flatnonzero(known), subpixels, bins, alpha, terms
     )
-    parts = []
+    parts = [(fragments, detail)]
     covers = samples if samples.through is None else samples.replace(z=depth)
-    for which, kind in ((~known, INFERRED), (known & (samples.layer != ELSEWHERE), COVERS)):
+    without = _Terms.of(degree)
+    for which, kind, of in (
+        (~known, INFERRED, terms),
+        (known & (samples.layer != ELSEWHERE), COVERS, without),
+    ):
         if which.any():
-            found = gather(covers, subpixels, radius_per_vergence, alpha, degree, bins, which)
-            parts.append(dataclasses.replace(found, known=np.full(len(found), kind, np.int32)))
-    return Gathered(_with_gaps(fragments.and_others(*parts).in_order()), seen)
+            found, detail = _gather(covers, subpixels, radius_per_vergence, alpha, of, bins, which)
+            found = dataclasses.replace(found, known=np.full(len(found), kind, np.int32))
+            parts.append((found, detail))
+    fragments, detail = joined(parts)
+    return Gathered(_with_gaps(fragments.in_order()), seen, detail)
 
 
 def _gathered_known(
-    samples: PointSamples, index: np.ndarray, subpixels: int, bins: Bins, alpha: bool, degree: int
-) -> tuple[Fragments, np.ndarray]:
-    """The light of samples ``index``, of known visibility, and what the lens sees of it.
+    samples: PointSamples,
+    index: np.ndarray,
+    subpixels: int,
+    bins: Bins,
+    alpha: bool,
+    terms: _Terms,
+) -> tuple[Fragments, Detail | None, np.ndarray]:
+    """Samples ``index``, of known visibility: their light, its detail, and what the lens sees.
 
     See ``Gathered``; the first row of what is seen is of all that all points of the lens see. That
     is apart from the rest. Where samples become one fragment, each counts as much of its light as
@@ -144,9 +206,7 @@ def _gathered_known(
     partly = seen_by < VISIBILITY_POINTS
     chosen = _Chosen(samples, index, partly, area * (seen_by / VISIBILITY_POINTS))
     places = places_of(functools.partial(located_in, samples, subpixels, raster), index, bins)
-    place, is_partly, vergence, light, same = _sorted_sums(
-        chosen, subpixels, alpha, degree, *places
-    )
+    place, is_partly, vergence, light, same = _sorted_sums(chosen, subpixels, alpha, terms, *places)
     # Rows of what is seen in part, after that of what is seen as a whole.
     known = np.cumsum(is_partly, dtype=np.int32) * (is_partly > 0)
     row, count = known[same[partly]], int(known.max(initial=0)) + 1
@@ -160,8 +220,13 @@ def _gathered_known(
     for point in range(VISIBILITY_POINTS):
         bit = visibility >> np.uint64(point) & np.uint64(1)
         seen[1:, point] = np.rint(255 * np.bincount(row, area * bit, count)[1:] / areas[1:])
-    fragments = _fragments(raster, bins, place, vergence, light, degree)
-    return dataclasses.replace(fragments, known=known), seen
+    fragments = _fragments(raster, bins, place, vergence, light[:, : terms.of_film])
+    fragments = dataclasses.replace(fragments, known=known)
+    if not terms.detail:
+        return fragments, None, seen
+    rows = np.arange(len(fragments))
+    fragments = dataclasses.replace(fragments, detail=rows)
+    return fragments, Detail.of(light[:, terms.detail]), seen
 
 
 def _fragments(
@@ -170,7 +235,6 @@ def _fragments(
     place: np.ndarray,
     vergence: np.ndarray,
     light: np.ndarray,
-    degree: int,
 ) -> Fragments:
     """Fragments, not in order, of sums by subpixel and depth; nothing is known to be hidden."""
     return Fragments(
@@ -184,7 +248,7 @@ def _fragments(
         np.maximum((vergence - bins.vergence_min) / bins.width, 0).astype(np.int64),
         bins.vergence_min,
         bins.width,
-        moments=light[:, 1:] if degree > 0 else None,
+        moments=light[:, 1:] if light.shape[1] > 1 else None,
     )
 
 
@@ -229,10 +293,10 @@ class _SumsAlone:
     They are R, G, B, share, and alpha if asked for, their moments, and vergence.
     """
 
-    def __init__(self, size: int, alpha: bool, degree: int) -> None:
-        self.orders = [(0, 0), *orders(degree)]
-        self.light = [dr.zeros(jit.Float, size * 4) for _ in self.orders]
-        self.alpha = [dr.zeros(jit.Float, size) for _ in self.orders if alpha]
+    def __init__(self, size: int, alpha: bool, terms: _Terms) -> None:
+        self.terms = terms
+        self.light = [dr.zeros(jit.Float, size * 4) for _ in terms.every]
+        self.alpha = [dr.zeros(jit.Float, size) for _ in terms.every if alpha]
         self.vergence = dr.zeros(jit.Float, size)
 
     def add(
@@ -247,7 +311,7 @@ class _SumsAlone:
         mode = scatter_mode()
         all_weight = jit.Float(samples.weight[part]) * subpixels**2
         red, green, blue = dr.unravel(jit.Array3f, jit.Float(samples.rgb[part].ravel()))
-        for k, (i, j) in enumerate(self.orders):
+        for k, (i, j) in enumerate(self.terms.every):
             weight = all_weight * legendre(i, at.across) * legendre(j, at.down)
             values = jit.Array4f(weight * red, weight * green, weight * blue, weight)
             dr.scatter_add(self.light[k], values, at.subpixel, alone, mode=mode)
@@ -260,19 +324,28 @@ class _SumsAlone:
     def found(self, more: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The subpixels that have some, their mean vergence, and the sums of each.
 
-        The sums are float32 (n + ``more``, 1 + moments, 4 or 5), of which the last are left empty.
+        The sums are float32 (n + ``more``, 1 + moments, 4 or 5), of which the last are left empty;
+        the moments are those that the film asks for.
         """
         values = np.array(self.light[0]).reshape(-1, 4)
         place = np.flatnonzero(values[:, SHARE])
         channels = values.shape[1] + bool(self.alpha)
-        light = np.empty((len(place) + more, len(self.orders), channels), np.float32)
+        count = self.terms.of_film
+        light = np.empty((len(place) + more, count, channels), np.float32)
         own = light[: len(place)]
-        for k, of in enumerate(self.light):
+        for k, of in enumerate(self.light[:count]):
             own[:, k, :4] = np.array(of).reshape(-1, 4)[place]
-        for k, of in enumerate(self.alpha):
+        for k, of in enumerate(self.alpha[:count]):
             own[:, k, 4] = np.array(of)[place]
         vergence = np.array(self.vergence)[place].astype(np.float64) / own[:, 0, SHARE]
         return place, vergence, light
+
+    def detail(self) -> Detail:
+        """The detail of each subpixel."""
+        colours, alpha = (
+            [of[term] for term in self.terms.detail if of] for of in (self.light, self.alpha)
+        )
+        return Detail(colours, alpha)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -289,7 +362,7 @@ def _sorted_sums(
     chosen: _Chosen,
     subpixels: int,
     alpha: bool,
-    degree: int,
+    terms: _Terms,
     places: np.ndarray,
     across: np.ndarray,
     down: np.ndarray,
@@ -305,9 +378,8 @@ def _sorted_sums(
     keys, same = np.unique(key * (MAX_BINS + 1) + bins, return_inverse=True)
     all_weight = chosen.weight.astype(np.float64) * subpixels**2
     columns = [*samples.rgb[index].T, 1.0, *([samples.alpha[index]] if alpha else [])]
-    every = [(0, 0), *orders(degree)]
-    light = np.empty((len(keys), len(every), len(columns)))
-    for k, (i, j) in enumerate(every):
+    light = np.empty((len(keys), len(terms.every), len(columns)))
+    for k, (i, j) in enumerate(terms.every):
         weight = all_weight * legendre(i, across) * legendre(j, down)
         for channel, column in enumerate(columns):
             light[:, k, channel] = np.bincount(same, weight * column, len(keys))

@@ -11,6 +11,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable
+from typing import TypeGuard
 
 import numpy as np
 import scipy.ndimage
@@ -87,7 +88,7 @@ class KernelFactory:
             return self._exact(radius, 1.0)
         if radius == 0 or self.radius_per_vergence == 0:
             return np.ones(1)
-        if isinstance(self.psf, Aperture) and type(self.psf).table is Aperture.table:
+        if is_plain(self.psf):
             squeeze, signed = float(self.lens.squeeze), self.sign * radius
             return circle_kernel(self.psf, signed, squeeze, self.smeared, self.largest)
         return without_variance(self.smeared, functools.partial(self._exact, radius))
@@ -115,6 +116,11 @@ class KernelFactory:
         depth = 1 / vergence if vergence > 0 else math.inf
         largest = (round(self.largest[0] * finer), round(self.largest[1] * finer))
         return self.psf.table(self.lens, depth, self.pixels_per_mm * finer, MIDDLE, largest)
+
+
+def is_plain(psf: PointSpreadFunction) -> TypeGuard[Aperture]:
+    """Whether the light of a point is the shape of an aperture, of the size of its circle."""
+    return isinstance(psf, Aperture) and type(psf).table is Aperture.table
 
 
 @functools.lru_cache(maxsize=256)

@@ -19,6 +19,7 @@ from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
 from .density import Evened, evened
+from .detail import detail_degree
 from .exposure import FINE_SUBPIXELS, Exposure
 from .exposure_view import view_of_exposure
 from .film import FinePicture
@@ -119,8 +120,12 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         return with_offsets(fragments, samples, subpixels)
 
     def fragments() -> Evened:
-        gathered = gather_with_known(samples, subpixels, radius, alpha, degree)
-        found = evened(gathered.fragments, subpixels)._replace(seen=gathered.seen)
+        detailed = 0 if diffracts else detail_degree(subpixels)
+        gathered = gather_with_known(
+            samples, subpixels, radius, alpha, degree, detail_degree=detailed
+        )
+        found = evened(gathered.fragments, subpixels, gathered.detail)
+        found = found._replace(seen=gathered.seen)
         return found._replace(fragments=located(found.fragments)) if diffracts else found
 
     def views() -> ViewPyramid:
@@ -131,7 +136,7 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         if seen is not None:
             seen = lens_points.nearest(seen, samples, radius, subpixels)
         view = LensView.of(found.fragments, radius, lens_points, not diffracts, located, seen)
-        return ViewPyramid(view, found.density, found.moments)
+        return ViewPyramid(view, found.density, found.moments, found.detail)
 
     return memo.get(("view", about, lens_points), views)
 

@@ -11,24 +11,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy.ndimage
 
 from .. import _backend as jit
+from .detail import Detail
 from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments
+from .highlights import is_highlight, parted
 from .lens_points import LensPoints
 from .visibility import Jitter, visibility, visibility_of_highlights
-
-HIGHLIGHT_TO_MEDIAN = 8
-"""A highlight is so many times as bright as the median of what the pinhole sees, at least."""
-
-HIGHLIGHT_CONTRAST = 6
-"""A highlight is so many times as bright as the mean of its neighbourhood, at least."""
-
-NEIGHBOURHOOD = 33
-"""Subpixels on a side of the neighbourhood of a highlight."""
-
-MAX_HIGHLIGHTS = 1 << 14
-"""Most highlights of a view: the brightest ones."""
 
 COARSER_PARTS = 3
 """Parts of a coarser view that are made before the whole is."""
@@ -135,10 +124,10 @@ class LensView:
     ============================  ==========================================================
     ``unoccluded``                fragments that all lens points see
     ``occluded``                  fragments of which some lens points see nothing, or not all
-    ``highlights``                the colours, without the shares, of the brightest of both
-                                  kinds, whose light shows the shape of the lens and how it is
-                                  cut; they are looked at from more points, and are the same in
-                                  all coarser views
+    ``highlights``                the colours, without the shares, by which the brightest of
+                                  both kinds exceed what is beside them: they show the shape of
+                                  the lens and how it is cut, are looked at from more points,
+                                  and are the same in all coarser views
     ============================  ==========================================================
     """
 
@@ -178,22 +167,24 @@ class LensView:
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
-        bright = _is_highlight(fragments) & ((unoccluded & single_points) | occluded)
+        bright = is_highlight(fragments) & ((unoccluded & single_points) | occluded)
         if fragments.known is not None:
             bright &= fragments.known < 0
-        chosen, more = located(fragments.chosen(bright)), lens_points.highlight_points
+        fragments, highlights = parted(fragments, bright)
+        chosen, more = located(highlights), lens_points.highlight_points
         seen_of_chosen = visibility_of_highlights(
             covers, chosen, radius_per_vergence, more, lens_points.cell
         )
         if lens_points.has_rim:
             seen_of_chosen *= lens_points.inside_rim(chosen, more)
-        # The highlights' colours leave their shares of the subpixels behind.
-        is_colour = np.arange(fragments.values.shape[1]) < SHARE
-        chosen = chosen.scaled(np.broadcast_to(is_colour, chosen.values.shape))
-        fragments = fragments.scaled(~(bright[:, None] & is_colour))
         return cls(
             fragments.chosen(unoccluded),
-            Occluded(fragments.chosen(occluded), seen[occluded[coverable]], points[None], times),
+            Occluded(
+                dataclasses.replace(fragments.chosen(occluded), detail=None),
+                seen[occluded[coverable]],
+                points[None],
+                times,
+            ),
             Occluded(
                 chosen,
                 seen_of_chosen,
@@ -239,21 +230,25 @@ class LensView:
         """Index, (n,), of unoccluded fragments so bright that their place in a subpixel shows."""
         if self.unoccluded.offset is None:
             return np.empty(0, dtype=np.int64)
-        return np.flatnonzero(_is_highlight(self.unoccluded))
+        return np.flatnonzero(is_highlight(self.unoccluded))
 
 
 class ViewPyramid:
     """A view, and coarser ones that are made when they are first asked for.
 
-    ``density`` and ``moments`` are those of the samples, see
+    ``density``, ``moments`` and ``detail`` are those of the samples, see
     :class:`potmesil_mi.focusing.density.Evened`.
     """
 
     def __init__(
-        self, finest: LensView, density: np.ndarray | None, moments: np.ndarray | None
+        self,
+        finest: LensView,
+        density: np.ndarray | None,
+        moments: np.ndarray | None,
+        detail: Detail | None = None,
     ) -> None:
         self.finest = finest
-        self.density, self.moments = density, moments
+        self.density, self.moments, self.detail = density, moments, detail
         self._coarser: dict[int, dict[range, LensView]] = {}
 
     def at(self, factor: int, bins: range) -> LensView:
@@ -283,7 +278,9 @@ class ViewPyramid:
         coarser = [view for of in list(self._coarser.values()) for view in list(of.values())]
         views = [self.finest, *coarser]
         kinds = [(view.unoccluded.nbytes, view.occluded.nbytes) for view in views]
-        of_samples = sum(of.nbytes for of in (self.density, self.moments) if of is not None)
+        of_samples = sum(
+            of.nbytes for of in (self.density, self.moments, self.detail) if of is not None
+        )
         return 2 * (self.finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
 
 
@@ -325,28 +322,3 @@ def _within_rim(
     seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
     every_one = np.ones(len(fragments), dtype=bool)
     return every_one, seen_of_all, fragments.scaled(count / inside.sum(axis=1))
-
-
-def _is_highlight(fragments: Fragments) -> np.ndarray:
-    """The fragments, bool (N,), much brighter than most subpixels and than what is around them.
-
-    So are bright ones beside these: where such a thing ends in the middle of a subpixel it shows,
-    too. There are at most ``MAX_HIGHLIGHTS``.
-    """
-    # Samples of what is hidden may be more than fill a subpixel.
-    filled = np.maximum(fragments.values[:, SHARE], 1)
-    peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
-    subpixel, first = fragments.subpixel, fragments.first
-    shape = fragments.height, fragments.width
-    picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
-    around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
-    least = HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel])
-    bright = peak > least
-    stands_out = np.zeros(shape, dtype=bool)
-    stands_out.flat[subpixel[bright & (peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel])]] = (
-        True
-    )
-    bright &= scipy.ndimage.binary_dilation(stands_out, np.ones((3, 3))).ravel()[subpixel]
-    if bright.sum() > MAX_HIGHLIGHTS:
-        bright &= peak > np.partition(peak[bright], -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]
-    return bright

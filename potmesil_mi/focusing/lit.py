@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ import scipy.ndimage
 from ..samples.raster import Window
 from .blocks import BLOCK
 from .slices import CirclePlan, DepthSlice, PointPlan
+from .small_circles import REACH
 
 CELL = 8
 """Pixels on a side of the cells, parts of blocks, from which light of lens points is followed."""
@@ -26,7 +28,11 @@ def lit_by_circles(circles: CirclePlan, box: Window) -> np.ndarray:
     lit = _dark(len(circles.kernels), box, BLOCK)
     some, part, single = circles.fragments, circles.part, circles.single_points
     before = circles.kernel_of_bin[some.bin[part] - circles.first_bin]
-    _mark(lit, before, some.x[part] - box.left, some.y[part] - box.top, BLOCK)
+    own = some.x[part] - box.left, some.y[part] - box.top
+    _mark(lit, before, *own, BLOCK)
+    if circles.responses is not None:
+        for across, down in itertools.product((-REACH, REACH), repeat=2):
+            _mark(lit, before, own[0] + across, own[1] + down, BLOCK)
     reach = circles.moved_reach
     for across in (-reach, reach):
         for down in (-reach, reach):

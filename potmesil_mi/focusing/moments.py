@@ -2,7 +2,8 @@
 
 A film's reconstruction filter responds to where in a pixel light arrives. Over a subpixel its
 response is nearly a polynomial; what that needs to know of many samples are their moments, the
-sums of their light times Legendre polynomials of their places. The box filter needs none.
+sums of their light times Legendre polynomials of their places. The box filter needs none, but
+circles as small as a subpixel respond to it, too.
 """
 
 from __future__ import annotations

@@ -20,10 +20,12 @@ from .. import _backend as jit
 from ..optics.blur import Blur
 from ..samples.raster import Window
 from .blocks import BLOCK, BlockImage, numbered
+from .detail import NO_DETAIL
 from .fragments import FragmentColumns, scatter_mode
 from .lit import lit_by_circles, lit_by_points
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
+from .small_circles import shared
 
 LEAST_WIDTH = 0.05
 """Width in subpixels of light at the edge of one."""
@@ -155,6 +157,11 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
     fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
     column, row = _column_and_row(columns, fragment, box)
+    if circles.responses is not None:
+        radius = _radius(columns, fragment, depth_slice.blur)
+        _splat_small_circles(stack, circles, fragment, (column, row), radius)
+        stack.start()
+        return KernelImages(stack, circles.kernels)
     kernel, share = _between_kernels(columns, fragment, circles, depth_slice.blur)
     stack.add(columns, fragment, stack.place(kernel, column, row), 1 - share)
     if len(circles.kernels) > 1:
@@ -171,6 +178,36 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
                 stack.add(columns, fragment, there, moved * of_it, of_it > 0, only_colours=True)
     stack.start()
     return KernelImages(stack, circles.kernels)
+
+
+def _splat_small_circles(
+    stack: ImageStack,
+    circles: CirclePlan,
+    fragment: jit.UInt32,
+    place: tuple[jit.Int32, jit.Int32],
+    radius: jit.Float,
+) -> None:
+    """Unoccluded fragments in the ``place`` of each and around it, spread by their small circles.
+
+    ``radius`` is signed, in subpixels.
+    """
+    columns, detail, responses = circles.fragments.on_device, circles.detail, circles.responses
+    assert columns.detail is not None
+    assert detail is not None
+    assert responses is not None
+    table_row = dr.gather(jit.Int32, columns.detail, fragment)
+    known, table_row = table_row != NO_DETAIL, jit.UInt32(table_row)
+    column, row = place
+    for target, of_it, its_detail, kind in (
+        (stack.colours, columns.values[:1], detail.colours, jit.Array4f),
+        (stack.alpha, columns.alpha[:1], detail.alpha, jit.Float),
+    ):
+        light = [dr.gather(kind, of, fragment) for of in of_it]
+        light += [dr.gather(kind, of, table_row, known) for of in its_detail]
+        for share in shared(light, radius, responses) if light else ():
+            beside = column + share.across, row + share.down
+            there = stack.place(jit.UInt32(0), *beside, share.active)
+            dr.scatter_add(target, share.light, there, share.active, mode=stack.mode)
 
 
 def _between_kernels(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import potmesil_mi as pm
 from potmesil_mi.focusing.film import FinePicture, reconstruct
-from scenes import overscanned, papers_scene, pinhole_mean, still_life, synthetic
+from scenes import evenly_spread, overscanned, papers_scene, pinhole_mean, still_life, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -29,21 +29,6 @@ def focused(samples, lens=None, *, method, **options):
     if method == "paper":
         options = {"inverse_square": False, **options}
     return np.array(pm.focus(samples, lens, method=method, **options))
-
-
-def evenly_spread(size, per_side=4, **fields):
-    """Samples of equal weight, one in each of per_side x per_side squares of every pixel."""
-    columns, rows = (n * per_side for n in size)
-    y, x = np.divmod(np.arange(rows * columns), columns)
-    jitter = np.random.default_rng(5).uniform(0.01, 0.99, (2, rows * columns))
-    return synthetic(
-        rows * columns,
-        size=size,
-        x=(x + jitter[0]) / per_side,
-        y=(y + jitter[1]) / per_side,
-        weight=np.full(rows * columns, 1 / per_side**2),
-        **fields,
-    )
 
 
 def radius_in_pixels(samples, lens, depth):

@@ -1,0 +1,98 @@
+"""Highlights: fragments so bright that their light shows the shape of the lens."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import scipy.ndimage
+
+from .detail import NO_DETAIL
+from .fragments import SHARE, Fragments
+
+HIGHLIGHT_TO_MEDIAN = 8
+"""A highlight is so many times as bright as the median of what the pinhole sees, at least."""
+
+HIGHLIGHT_CONTRAST = 6
+"""A highlight is so many times as bright as the mean of its neighbourhood, at least."""
+
+NEIGHBOURHOOD = 33
+"""Subpixels on a side of the neighbourhood of a highlight."""
+
+MAX_HIGHLIGHTS = 1 << 14
+"""Most highlights of a view: the brightest ones."""
+
+
+def is_highlight(fragments: Fragments) -> np.ndarray:
+    """The fragments, bool (N,), much brighter than most subpixels and than what is around them.
+
+    So are bright ones beside these: where such a thing ends in the middle of a subpixel it shows,
+    too. There are at most ``MAX_HIGHLIGHTS``.
+    """
+    # Samples of what is hidden may be more than fill a subpixel.
+    filled = np.maximum(fragments.values[:, SHARE], 1)
+    peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
+    subpixel, first = fragments.subpixel, fragments.first
+    shape = fragments.height, fragments.width
+    picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
+    around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
+    least = HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel])
+    bright = peak > least
+    stands_out = np.zeros(shape, dtype=bool)
+    stands_out.flat[subpixel[bright & (peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel])]] = (
+        True
+    )
+    bright &= scipy.ndimage.binary_dilation(stands_out, np.ones((3, 3))).ravel()[subpixel]
+    if bright.sum() > MAX_HIGHLIGHTS:
+        bright &= peak > np.partition(peak[bright], -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]
+    return bright
+
+
+def parted(fragments: Fragments, bright: np.ndarray) -> tuple[Fragments, Fragments]:
+    """Fragments without the highlights in those that are ``bright``, bool (N,), and these.
+
+    Highlights are colours alone: the part that exceeds the mean of the subpixels beside that are
+    not bright. The rest, which keeps the share, is spread with what is beside it.
+    """
+    chosen = dataclasses.replace(fragments.chosen(bright), moments=None, detail=None)
+    if len(chosen) == 0:
+        return fragments, chosen
+    rest = _no_brighter(chosen, _mean_beside(fragments, bright))
+    light = chosen.values - rest
+    chosen = dataclasses.replace(chosen, values=light)
+    values = fragments.values.copy()
+    values[bright] = rest
+    share = rest[:, SHARE, None]
+    evenly = rest[:, :SHARE] / np.where(share != 0, share, np.inf)
+    moments, detail = fragments.moments, fragments.detail
+    if moments is not None:
+        moments = moments.copy()
+        moments[bright, :, :SHARE] = moments[bright, :, SHARE, None] * evenly[:, None]
+    if detail is not None:
+        detail = np.where(bright, np.int32(NO_DETAIL), detail)
+    fragments = dataclasses.replace(fragments, values=values, moments=moments, detail=detail)
+    return fragments, chosen
+
+
+def _mean_beside(fragments: Fragments, bright: np.ndarray) -> np.ndarray:
+    """The mean colours of what is not bright beside fragments that are, float32 (n, 3)."""
+    shape, others = (fragments.height, fragments.width), fragments.first & ~bright
+    x, y = fragments.x[bright], fragments.y[bright]
+    around = []
+    for column in fragments.values[others, : SHARE + 1].T:
+        of = np.bincount(fragments.subpixel[others], column, shape[0] * shape[1])
+        padded = np.pad(of.reshape(shape), 1)
+        around.append(sum(padded[y + j, x + i] for i, j in itertools.product(range(3), repeat=2)))
+    *colours, share = around
+    return (np.stack(colours, axis=1) / np.where(share > 0, share, np.inf)[:, None]).astype(
+        np.float32
+    )
+
+
+def _no_brighter(fragments: Fragments, colours: np.ndarray) -> np.ndarray:
+    """The values of fragments, no brighter than ``colours``, (N, 3)."""
+    values = fragments.values.copy()
+    most = colours * values[:, SHARE, None]
+    values[:, :SHARE] = np.minimum(values[:, :SHARE], most)
+    return values

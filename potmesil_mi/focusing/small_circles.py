@@ -1,0 +1,134 @@
+"""Small circles: those hardly larger than a subpixel, of what is nearly in focus.
+
+How much light they take out of a subpixel depends on how near its edges the light is. Fragments
+tell that by their detail: moments, see :mod:`.moments`, along each axis. What subpixels around get
+of a fragment is the sum of these, each times what they get of light of its shape.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from .. import _backend as jit
+from ..optics.aperture import Aperture
+from .moments import NODES, legendre
+
+STEP = 1 / 48
+"""Radii, in subpixels, for which it is known how light is spread are that far apart."""
+
+LARGEST = 1.75
+"""The largest of them: what is nearly in focus has circles up to about sqrt(2)."""
+
+LEVELS = math.ceil(LARGEST / STEP)
+"""Radii of either sign, without 0."""
+
+BESIDE = (-1, 1, -2, 2)
+"""Steps to the subpixels that get light, across and down; what these do not get stays."""
+
+REACH = max(BESIDE)
+"""The farthest of them."""
+
+NEAR = 1.0
+"""Circles up to this radius reach the next subpixels only."""
+
+FINER = 16
+"""Cells in a subpixel in which it is found out how light is spread."""
+
+MIDDLE = (0.5, 0.5)
+"""The middle of a cell."""
+
+
+@functools.lru_cache(maxsize=32)
+def responses_of(aperture: Aperture, squeeze: float, degree: int) -> np.ndarray:
+    """What subpixels around get of light: float32 (2 ``LEVELS`` + 1, 2, ``degree`` + 1, 4).
+
+    Its axes are the signed radius, from ``-LEVELS`` to ``LEVELS`` times ``STEP``; across or down;
+    the order of the Legendre polynomial that has the shape of the light in its subpixel; and the
+    steps ``BESIDE``. Circles are taken to be products of what they are across and down.
+    """
+    cells = [_in_cells(order) for order in range(degree + 1)]
+    found = np.zeros((2 * LEVELS + 1, 2, degree + 1, len(BESIDE)), np.float32)
+    for level in range(-LEVELS, LEVELS + 1):
+        kernel = aperture.circle_kernel(level * STEP * FINER, squeeze, MIDDLE)
+        for axis, along in enumerate((kernel.sum(axis=0), kernel.sum(axis=1))):
+            found[level + LEVELS, axis] = [_beside(np.convolve(of, along)) for of in cells]
+    found.setflags(write=False)
+    return found
+
+
+def _in_cells(order: int) -> np.ndarray:
+    """Light in the cells of a subpixel, (``FINER``,): its moment of an ``order`` is 1, others 0."""
+    at, weight = np.polynomial.legendre.leggauss(NODES)
+    places = (2 * np.arange(FINER)[:, None] + 1 + at) / FINER - 1
+    return (
+        (2 * order + 1) / (2 * FINER) * (weight * legendre(order, places) + 0 * places).sum(axis=1)
+    )
+
+
+def _beside(cells: np.ndarray) -> np.ndarray:
+    """The sums, for the subpixels ``BESIDE``, of light in cells around a subpixel; (4,)."""
+    around = (2 * REACH + 1) * FINER - len(cells)
+    cells = np.pad(cells, around // 2) if around > 0 else cells[-around // 2 : around // 2 or None]
+    return cells.reshape(-1, FINER).sum(axis=1)[REACH + np.array(BESIDE)]
+
+
+class Share(NamedTuple):
+    """What the subpixels some steps ``across`` and ``down`` get, of those that are ``active``."""
+
+    across: int
+    down: int
+    light: Any
+    active: jit.Bool
+
+
+def shared(light: Sequence[Any], radius: jit.Float, responses: np.ndarray) -> Iterator[Share]:
+    """What the subpixels of fragments and those around get of their ``light``.
+
+    ``light`` are their values, and their detail. ``radius`` is signed, in subpixels. Subpixels get
+    no less than nothing, and together all of the light.
+    """
+    degree = responses.shape[2] - 1
+    table = jit.Float(responses.ravel())
+    level = jit.UInt32(dr.clip(dr.round(radius / STEP), -LEVELS, LEVELS) + LEVELS)
+    across, down = (
+        [
+            _Row(dr.gather(jit.Array4f, table, (level * 2 + axis) * (degree + 1) + order), order)
+            for order in range(degree + 1)
+        ]
+        for axis in (0, 1)
+    )
+    left = light[0]
+    for i, j in itertools.product((0, *BESIDE), repeat=2):
+        if i == j == 0:
+            continue
+        x, y = [row.at(i) for row in across], [row.at(j) for row in down]
+        even = x[0] * y[0] * light[0]
+        share = even
+        for order in range(1, degree + 1):
+            share += x[order] * y[0] * light[order] + x[0] * y[order] * light[degree + order]
+        # What one fragment in a corner has may be too much for moments to tell.
+        share = dr.maximum(share, dr.minimum(even, 0))
+        active = dr.abs(radius) > (NEAR if max(abs(i), abs(j)) > 1 else 0)
+        left = left - dr.select(active, share, 0)
+        yield Share(i, j, share, active)
+    yield Share(0, 0, left, jit.Bool(True))
+
+
+class _Row(NamedTuple):
+    """What subpixels ``beside`` get, along one axis, of light of an ``order``."""
+
+    beside: jit.Array4f
+    order: int
+
+    def at(self, step: int) -> jit.Float:
+        """What the subpixel a ``step`` away gets: 0 for their own, which keeps the rest."""
+        if step == 0:
+            return (1 if self.order == 0 else 0) - dr.sum(self.beside)
+        return self.beside[BESIDE.index(step)]
