@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -31,15 +32,29 @@ LEAST_WIDTH = 0.05
 """Width in subpixels of light at the edge of one."""
 
 
+SIZES_AN_OCTAVE = 4
+"""Sizes that images may have, from one power of 2 to the next."""
+
+SIZES_OF_SMALL_CIRCLES = 1
+"""The same of those of small circles, whose code is long."""
+
+
 class ImageStack:
     """Images of the pixels of ``box``, into which light is scattered ``times`` times.
 
     ``lit``, bool (K, h, w), are the blocks of each that may have light; only these are stored.
     """
 
-    def __init__(self, box: Window, channels: int, times: int, lit: np.ndarray) -> None:
+    def __init__(
+        self,
+        box: Window,
+        channels: int,
+        times: int,
+        lit: np.ndarray,
+        sizes_an_octave: int = SIZES_AN_OCTAVE,
+    ) -> None:
         self.box, self.number = box, numbered(lit)
-        size = (np.count_nonzero(lit) + 1) * BLOCK**2
+        size = _among_few(np.count_nonzero(lit) + 1, sizes_an_octave) * BLOCK**2
         self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
@@ -94,6 +109,15 @@ class ImageStack:
         parts = [part for part in (self.colours, self.alpha) if part is not None]
         size = self.colours.shape[0] // 4
         return [np.asarray(part).reshape(-1, BLOCK, BLOCK, len(part) // size) for part in parts]
+
+
+def _among_few(count: int, an_octave: int) -> int:
+    """The least number from ``count`` on of a few, so many from one power of 2 to the next.
+
+    Where Dr.Jit gives each of its threads a copy of what is scattered to, the size is in the code,
+    which is compiled anew for each.
+    """
+    return math.ceil(2 ** (math.ceil(math.log2(count) * an_octave) / an_octave))
 
 
 class KernelImages(NamedTuple):
@@ -153,7 +177,8 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
     """Unoccluded fragments in images of the kernel radii around theirs."""
     columns, part, box = circles.fragments.on_device, circles.part, depth_slice.box
     count = part.stop - part.start
-    stack = ImageStack(box, channels, 2 * count, lit_by_circles(circles, box))
+    sizes = SIZES_AN_OCTAVE if circles.responses is None else SIZES_OF_SMALL_CIRCLES
+    stack = ImageStack(box, channels, 2 * count, lit_by_circles(circles, box), sizes)
     fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
     column, row = _column_and_row(columns, fragment, box)

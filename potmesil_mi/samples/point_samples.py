@@ -306,6 +306,7 @@ class PointSamples(Columns):
         signed circles of confusion round to the same multiple of ``tolerance`` pixels, become one.
         It has the sum of their weights and, weighted by these, the mean of their positions,
         colours and 1/z (of an orthographic camera z), so that the light of a pixel is unchanged.
+        Where circles are about as small as a pixel, detail finer than half a pixel is lost.
         Where there were 64 a pixel, ``layered`` no longer looks closely by itself, but with
         ``squares=2,lens_points=64``. Samples on a lattice belong to several pixels and stay as they
         are.
