@@ -32,7 +32,7 @@ LEAST_WIDTH = 0.05
 """Width in subpixels of light at the edge of one."""
 
 
-SIZES_AN_OCTAVE = 4
+SIZES_AN_OCTAVE = 2
 """Sizes that images may have, from one power of 2 to the next."""
 
 SIZES_OF_SMALL_CIRCLES = 1

@@ -347,3 +347,22 @@ def test_beside_another_thread_arrays_are_not_evaluated_alone():
     finally:
         waiting.set()
         other.join()
+
+
+def test_refocusing_seldom_compiles_anything():
+    """What differs from focus to focus, as how large images are, is in little of Dr.Jit's code."""
+    size = (320, 240)
+    samples = synthetic(150_000, size=size)
+    # A plane that recedes: each focus has slices of other sizes.
+    samples = samples.replace(z=1 + 6 * samples.x / size[0])
+    session = pm.FocusSession(samples)
+    compiled = []
+    for distance in np.linspace(1.5, 5, 60):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            session.focus(lens_of(samples, 0.2, float(distance)))
+            history = dr.kernel_history([dr.KernelType.JIT])
+        assert len(history) > 5
+        compiled.append(sum(not kernel["cache_hit"] for kernel in history))
+    # Where images have as many sizes as there are numbers of blocks with light, it is 90.
+    assert sum(compiled[30:]) <= 20
