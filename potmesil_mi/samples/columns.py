@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from .._threads import for_each
 from ..optics.disc import lens_points
 
 OF_DEFAULT: Any = None
@@ -168,9 +169,12 @@ class Columns:
         """The samples of all ``parts``, one part after the other."""
         names = [{f.name for f in part.present()} for part in parts]
         columns: dict[str, Any] = {}
-        for field in COLUMNS:
-            if any(field.name in own for own in names):
-                columns[field.name] = np.concatenate([_column(part, field) for part in parts])
+
+        def join(field: dataclasses.Field[Any]) -> None:
+            columns[field.name] = np.concatenate([_column(part, field) for part in parts])
+
+        # New memory of this size takes longer to get than to fill.
+        for_each(join, [field for field in COLUMNS if any(field.name in own for own in names)])
         return Columns(**columns)
 
 

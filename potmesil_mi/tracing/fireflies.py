@@ -110,4 +110,5 @@ class Fireflies:
 def _brightest(rgb: np.ndarray) -> np.ndarray:
     """The largest of R, G and B, (N,). By columns it takes a fifth of the time of ``max``."""
     red, green, blue = rgb.T
-    return np.maximum(np.maximum(red, green), blue)
+    brightest = np.maximum(red, green)
+    return np.maximum(brightest, blue, out=brightest)
