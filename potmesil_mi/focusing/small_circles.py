@@ -92,7 +92,7 @@ def shared(light: Sequence[Any], radius: jit.Float, responses: np.ndarray) -> It
     """What the subpixels of fragments and those around get of their ``light``.
 
     ``light`` are their values, and their detail. ``radius`` is signed, in subpixels. Subpixels get
-    no less than nothing, and together all of the light.
+    no less than nothing, and together all of the light, or hardly more.
     """
     degree = responses.shape[2] - 1
     table = jit.Float(responses.ravel())
@@ -110,15 +110,16 @@ def shared(light: Sequence[Any], radius: jit.Float, responses: np.ndarray) -> It
             continue
         x, y = [row.at(i) for row in across], [row.at(j) for row in down]
         even = x[0] * y[0] * light[0]
-        share = even
-        for order in range(1, degree + 1):
-            share += x[order] * y[0] * light[order] + x[0] * y[order] * light[degree + order]
+        detail = sum(
+            x[order] * y[0] * light[order] + x[0] * y[order] * light[degree + order]
+            for order in range(1, degree + 1)
+        )
         # What one fragment in a corner has may be too much for moments to tell.
-        share = dr.maximum(share, dr.minimum(even, 0))
+        share = dr.maximum(even + detail, dr.minimum(even, 0))
         active = dr.abs(radius) > (NEAR if max(abs(i), abs(j)) > 1 else 0)
         left = left - dr.select(active, share, 0)
         yield Share(i, j, share, active)
-    yield Share(0, 0, left, jit.Bool(True))
+    yield Share(0, 0, dr.maximum(left, dr.minimum(light[0], 0)), jit.Bool(True))
 
 
 class _Row(NamedTuple):

@@ -141,15 +141,22 @@ def test_chance_in_where_samples_are_adds_no_noise_to_what_is_even(squares):
     np.testing.assert_allclose(image, 0.6, atol=1e-5)
 
 
-def test_beside_something_very_bright_nothing_is_less_than_nothing():
+@pytest.mark.parametrize("squares", [1, 2])
+@pytest.mark.parametrize("radius", [0.05, 0.2, 0.5, 0.9])
+def test_where_light_is_in_corners_no_pixel_is_less_than_nothing(squares, radius):
+    """No polynomial of so low a degree tells that: here and there it is negative."""
+
     def lit(x, y):
-        return np.where((np.hypot(x - 11.9, y - 9.1) < 0.1)[:, None], 1e4, 1e-3) * np.ones(3)
+        there = (x % 1 > 0.8) & (y % 1 > 0.8) & ((x // 1 + y // 1) % 3 == 0)
+        there &= (x > 3) & (x < SIZE[0] - 3) & (y > 3) & (y < SIZE[1] - 3)
+        return np.where(there[:, None], 1, 1e-4) * np.ones(3)
 
     for depth in (1.5, 3.0):
-        for radius in (0.2, 0.5, 1.2):
-            image = np.asarray(pm.focus(samples_of(lit, radius, depth), method=ONE_SQUARE))
-            assert image.min() >= 0
-            assert image.max() > 10
+        samples = samples_of(lit, radius, depth)
+        image = np.asarray(pm.focus(samples, method=f"layered:squares={squares}"))
+        assert image.min() > 0
+        mean = (samples.weight[:, None] * samples.rgb).sum() / image.size
+        assert image.mean() == pytest.approx(mean, rel=5e-3)
 
 
 @pytest.mark.parametrize("alpha", [False, True])
