@@ -7,6 +7,7 @@ of a fragment is the sum of these, each times what they get of light of its shap
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -79,7 +80,8 @@ def _beside(cells: np.ndarray) -> np.ndarray:
     return cells.reshape(-1, FINER).sum(axis=1)[REACH + np.array(BESIDE)]
 
 
-class Share(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Share:
     """What the subpixels some steps ``across`` and ``down`` get, of those that are ``active``."""
 
     across: int

@@ -19,11 +19,14 @@ import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
+from ..optics.depth import Clip
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .header import Header
+from .images import DepthKind, columns_of_image
+from .merging import merged
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -155,6 +158,54 @@ class PointSamples(Columns):
             )
         if len(self) == 0:
             raise ValueError("no samples: there must be at least one with finite radiance")
+
+    @classmethod
+    def from_image(
+        cls,
+        rgb: np.ndarray,
+        depth: np.ndarray,
+        *,
+        camera: Camera | float,
+        depth_kind: DepthKind,
+        lens: ThinLens,
+        near: float | None = None,
+        far: float = math.inf,
+        clip: Clip = "opengl",
+        reverse: bool = False,
+        background: float | None = None,
+        surface: np.ndarray | None = None,
+        surfaces: Mapping[int, str] | None = None,
+    ) -> PointSamples:
+        """Samples of a picture and its depth, one in the middle of each pixel.
+
+        ============================  ==========================================================
+        Parameter                     Meaning
+        ============================  ==========================================================
+        ``rgb``                       float (H, W, 3), linear sRGB; or (H, W, 4), with alpha that
+                                      the colours are not multiplied by
+        ``depth``                     float (H, W)
+        ``camera``                    whose crop window the picture shows; or its horizontal field
+                                      of view in degrees
+        ``depth_kind``                what ``depth`` is: ``z``, along the axis; ``distance``, along
+                                      the ray, as Mitsuba's ``depth``; both > 0 scene units;
+                                      ``inverse``, 1/z, >= 0; ``ndc``, the depth of a buffer
+        ``near``, ``far``             planes of an NDC depth in scene units, with ``clip`` and
+        ``clip``, ``reverse``         ``reverse`` as in
+                                      :func:`potmesil_mi.optics.depth.depth_from_ndc`
+        ``background``                z from which on nothing was hit, as in Blender 1e10
+        ``surface``, ``surfaces``     uint32 (H, W), ids of surfaces and their names; by default 1
+                                      where something was hit
+        ============================  ==========================================================
+
+        Nothing in the numbers tells which kind a depth is: the program that wrote it must be asked.
+        Raises ``ValueError`` for arrays of other sizes, a depth that is NaN or out of bounds,
+        and planes that are missing or that no other kind has.
+        """
+        camera, columns = columns_of_image(
+            rgb, depth, camera, depth_kind, near, far, clip, reverse, background, surface
+        )
+        names = {1: "surface"} if surfaces is None else surfaces
+        return cls(**columns, camera=camera, lens=lens, surfaces=names)
 
     @property
     def crop_window(self) -> Window:
@@ -312,59 +363,12 @@ class PointSamples(Columns):
         are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
-        if not 0 < tolerance < np.inf:
+        if not 0 < tolerance < math.inf:
             raise ValueError(f"tolerance={tolerance}: must be > 0 pixels and finite")
         if self.lattice > 0:
             return self
-        lens = lens or self.lens
-        require_fitting(self.camera, lens)
-        circle = lens.circle_of_confusion(self.z.astype(np.float64))
-        telecentric = isinstance(lens, TelecentricLens)
-        if isinstance(lens, TelecentricLens):
-            pixels_per_unit = self.camera.pixels_per_unit
-        else:
-            pixels_per_unit = self.camera.focal_length_pixels / lens.film_distance
-        step = np.rint(circle * pixels_per_unit / tolerance)
-        quarter = 2 * (self.y % 1 >= 0.5) + (self.x % 1 >= 0.5)
-        keys = np.stack([self.pixel(), quarter, self.layer, self.surface, self.alpha, step])
-        if self.visibility is not None:
-            keys = np.vstack([keys, np.unique(self.visibility, return_inverse=True)[1]])
-        if self.through is not None:
-            keys = np.vstack([keys, self.through > 0])
-        if self.time is not None:
-            keys = np.vstack([keys, self.time])
-        order = np.lexsort(keys[::-1])
-        ordered = keys[:, order]
-        first = np.flatnonzero(
-            np.concatenate([[True], (ordered[:, 1:] != ordered[:, :-1]).any(axis=0)])
-        )
-        weight = self.weight[order].astype(np.float64)
-        total = np.add.reduceat(weight, first)
-
-        def mean(values: np.ndarray) -> np.ndarray:
-            scale = weight if values.ndim == 1 else weight[:, None]
-            sums = np.add.reduceat(values[order] * scale, first, axis=0)
-            return sums / (total if values.ndim == 1 else total[:, None])
-
-        with np.errstate(divide="ignore"):
-            depth = self.z.astype(np.float64)
-            z = mean(depth) if telecentric else 1 / mean(1 / depth)
-        return self.replace(
-            x=mean(self.x),
-            y=mean(self.y),
-            rgb=mean(self.rgb),
-            alpha=self.alpha[order][first],
-            z=z,
-            surface=self.surface[order][first],
-            layer=self.layer[order][first],
-            through=None if self.through is None else mean(self.through),
-            visibility=None if self.visibility is None else self.visibility[order][first],
-            albedo=None if self.albedo is None else mean(self.albedo),
-            normal=None if self.normal is None else mean(self.normal),
-            time=None if self.time is None else self.time[order][first],
-            motion=None if self.motion is None else mean(self.motion),
-            weight=total,
-        )
+        columns = merged(self, self.pixel(), self.camera, lens or self.lens, tolerance)
+        return self.replace(**vars(columns))
 
     def denoised(self) -> PointSamples:
         """Samples with less noise in their radiance, for the price of a little bias.
