@@ -15,8 +15,8 @@ import numpy as np
 from .. import _backend as jit
 from .fragments import SHARE, Fragments, as_column, scatter_mode
 
-MOST_SUBPIXELS = 3
-"""Subpixels on a side of a pixel up to which their detail counts."""
+DEGREES = {1: 2, 2: 1, 3: 1}
+"""Degree of the moments for so many subpixels on a side of a pixel; of more, none are needed."""
 
 NO_DETAIL = -1
 """``Fragments.detail`` of those that are even."""
@@ -24,9 +24,7 @@ NO_DETAIL = -1
 
 def detail_degree(subpixels: int) -> int:
     """The degree of the moments for so many ``subpixels`` on a side of a pixel; 0 for none."""
-    if subpixels > MOST_SUBPIXELS:
-        return 2 if subpixels == 1 else 1
-    return 2 if subpixels == 1 else 1
+    return DEGREES.get(subpixels, 0)
 
 
 def along_axes(degree: int) -> list[tuple[int, int]]:

@@ -120,7 +120,8 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         return with_offsets(fragments, samples, subpixels)
 
     def fragments() -> Evened:
-        detailed = 0 if diffracts else detail_degree(subpixels)
+        # Another filter than a box asks for the places of light itself, before it is spread.
+        detailed = 0 if diffracts or degree > 0 else detail_degree(subpixels)
         gathered = gather_with_known(
             samples, subpixels, radius, alpha, degree, detail_degree=detailed
         )

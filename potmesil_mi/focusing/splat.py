@@ -297,7 +297,9 @@ def _splat_points(
         radius = dr.fma(deeper, dr.opaque(jit.Float, depth_slice.blur.radius_per_vergence), radius)
     look = point
     if columns.instant is not None:
-        look += dr.gather(jit.UInt32, columns.instant, fragment) * dr.opaque(jit.UInt32, count)
+        look = look + dr.gather(jit.UInt32, columns.instant, fragment) * dr.opaque(
+            jit.UInt32, count
+        )
     u, v = (dr.gather(jit.Float, column, look) for column in (on_device.u, on_device.v))
     if occluded.jitter is not None:
         if depth_slice.resolution > 1:

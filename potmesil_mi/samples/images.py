@@ -22,6 +22,9 @@ from ..optics.depth import (
 DepthKind = Literal["z", "distance", "inverse", "ndc"]
 """What the numbers of a depth mean."""
 
+MOST_IDS = (1 << 32) - 1
+"""The largest id of a surface."""
+
 DEPTH_KINDS: tuple[DepthKind, ...] = get_args(DepthKind)
 
 
@@ -50,7 +53,9 @@ def columns_of_image(
     camera = _camera(camera, size)
     require_choice("depth_kind", depth_kind, DEPTH_KINDS)
     if background is not None:
-        require_number("background", background, 0)
+        require_number("background", background)
+        if background <= 0:
+            raise ValueError(f"background={background}: must be > 0 scene units")
     _require_planes_of(depth_kind, near, far, clip, reverse)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
     x, y = x + camera.crop_offset[0], y + camera.crop_offset[1]
@@ -68,6 +73,10 @@ def columns_of_image(
     ids = np.isfinite(z) if surface is None else np.asarray(surface)
     if ids.shape != size:
         raise ValueError(f"surface: its shape is {ids.shape}, must be {size}, as that of rgb")
+    if not np.issubdtype(ids.dtype, np.integer) and ids.dtype != bool:
+        raise TypeError(f"surface: its type is {ids.dtype}, must be whole numbers")
+    if ids.min() < 0 or ids.max() > MOST_IDS:
+        raise ValueError(f"surface: {ids.min()} to {ids.max()}: must be 0 to {MOST_IDS}")
     count = depth.size
     return camera, {
         "x": x.ravel(),
@@ -106,10 +115,10 @@ def _require_planes_of(
         if near is None:
             raise ValueError("near=None: must be the near plane, in scene units, of an NDC depth")
         require_planes(near, far)
-    elif near is not None or far != math.inf or reverse:
+    elif near is not None or far != math.inf or reverse or clip != "opengl":
         raise ValueError(
-            f"near={near}, far={far}, reverse={reverse}: only an NDC depth has planes; depth_kind "
-            f"is {depth_kind}"
+            f"near={near}, far={far}, clip={clip}, reverse={reverse}: are only of an NDC depth; "
+            f"depth_kind is {depth_kind}"
         )
 
 

@@ -198,14 +198,16 @@ class PointSamples(Columns):
         ============================  ==========================================================
 
         Nothing in the numbers tells which kind a depth is: the program that wrote it must be asked.
-        Raises ``ValueError`` for arrays of other sizes, a depth that is NaN or out of bounds,
-        and planes that are missing or that no other kind has.
+        Raises ``ValueError`` for arrays of other sizes, a depth that is NaN or out of bounds (an
+        NDC depth may be before the near plane), planes that are missing or that no other kind has,
+        and ids that are not 0 to 2^32 - 1; ``TypeError`` for ids that are no whole numbers.
         """
         camera, columns = columns_of_image(
             rgb, depth, camera, depth_kind, near, far, clip, reverse, background, surface
         )
-        names = {1: "surface"} if surfaces is None else surfaces
-        return cls(**columns, camera=camera, lens=lens, surfaces=names)
+        if surfaces is None:
+            surfaces = {1: "surface"} if surface is None else {}
+        return cls(**columns, camera=camera, lens=lens, surfaces=surfaces)
 
     @property
     def crop_window(self) -> Window:

@@ -1,5 +1,6 @@
 """Small circles: what is nearly in focus is spread by where in its subpixels its light is."""
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -189,3 +190,21 @@ def test_what_covers_a_part_of_a_pixel_covers_as_much_beside_it_as_its_place_tel
     covered = spread_exactly(lambda x, y: (x < edge)[..., None] * np.ones(3), radius, pm.Disc())
     image = np.asarray(pm.focus(samples, method=ONE_SQUARE))
     np.testing.assert_allclose(image[5:-5, 10:15], (0.1 + 0.9 * covered)[5:-5, 10:15], atol=0.03)
+
+
+@pytest.mark.parametrize("squares", [1, 2])
+@pytest.mark.parametrize("name", ["gaussian", "tent", "mitchell"])
+def test_before_other_filters_light_stays_where_it_is(name, squares):
+    """They ask for the places of light themselves, which are to be counted once."""
+
+    def spot(x, y):
+        return np.where((np.hypot(x - 12.86, y - 10.3) < 0.12)[:, None], 1.5, 0.3) * np.ones(3)
+
+    samples = samples_of(spot, 0.4, 1.5)
+    rfilter = mi.load_dict({"type": name})
+    method = f"layered:squares={squares}"
+    image = np.asarray(pm.focus(samples, method=method, rfilter=rfilter))[..., 0] - 0.3
+    near = np.s_[6:15, 8:18]
+    y, x = (axis[near] + 0.5 for axis in np.indices(image.shape))
+    middle = [np.average(of, weights=image[near]) for of in (x, y)]
+    np.testing.assert_allclose(middle, [12.86, 10.3], atol=0.05)

@@ -129,7 +129,10 @@ def test_mitsubas_own_depth_is_a_distance():
         ({"depth_kind": "inverse"}, ">= 0 and finite"),
         ({"depth_kind": "planar"}, "depth_kind"),
         ({"depth_kind": "ndc"}, "near=None: must be the near plane"),
-        ({"near": 0.1}, "only an NDC depth has planes"),
+        ({"near": 0.1}, "are only of an NDC depth"),
+        ({"clip": "direct3d"}, "are only of an NDC depth"),
+        ({"background": 0}, "background=0: must be > 0"),
+        ({"surface": np.full((16, 24), -7)}, "surface: -7 to -7: must be 0 to"),
         ({"camera": camera_of(FOV, (30, 20))}, r"must have \(24, 16\)"),
         ({"camera": 200.0}, "x_fov"),
         ({"surface": np.ones((2, 2))}, "surface: its shape"),
@@ -141,3 +144,9 @@ def test_what_does_not_fit_is_refused_by_name(changed, message):
     given = {"rgb": rgb, "depth": z, "camera": FOV, "depth_kind": "z", "lens": LENS, **changed}
     with pytest.raises(ValueError, match=message):
         pm.PointSamples.from_image(given.pop("rgb"), given.pop("depth"), **given)
+
+
+def test_ids_are_whole_numbers():
+    rgb, z = picture()
+    with pytest.raises(TypeError, match="surface: its type is float64"):
+        pm.PointSamples.from_image(rgb, z, camera=FOV, depth_kind="z", lens=LENS, surface=z)
