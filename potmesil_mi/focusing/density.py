@@ -66,13 +66,13 @@ def evened(fragments: Fragments, reach: int, detail: Detail | None = None) -> Ev
     sampled = density > 0
     if not sampled.all():
         fragments = fragments.chosen(sampled.ravel()[subpixel])
-    fragments = fragments.scaled(1 / total[fragments.subpixel])
+    scale = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+    fragments = fragments.scaled(scale[fragments.subpixel])
     if not sampled.all():
         sparse = SPARSE_REACH * (np.sqrt(density) - 1)
         places, donors = _nearest(sampled, np.maximum(reach, sparse))
         fragments = _with_copies(fragments, places, donors)
         density.flat[places] = BORROWED_DENSITY
-    scale = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
     return _with_detail(Evened(fragments, density, _moments(fragments)), detail, scale)
 
 

@@ -91,8 +91,7 @@ class Detail:
         if scale is not None:
             times = dr.gather(jit.Float, as_column(scale.astype(np.float32)), subpixel)
         first = jit.from_numpy(jit.Bool, fragments.first) & known
-        values = as_column(fragments.values[:, : SHARE + 1])
-        own = dr.gather(jit.Array4f, values, dr.arange(jit.UInt32, len(fragments)))
+        own = dr.unravel(jit.Array4f, as_column(fragments.values[:, : SHARE + 1]))
         colours, alpha = [], []
         for term, column in enumerate(self.colours):
             moment = dr.gather(jit.Array4f, column, row, known) * times
@@ -115,7 +114,7 @@ def joined(parts: Sequence[tuple[Fragments, Detail | None]]) -> tuple[Fragments,
     for some, table in parts:
         row = np.full(len(some), NO_DETAIL, np.int32)
         if table is not None and some.detail is not None:
-            row = np.where(some.detail == NO_DETAIL, NO_DETAIL, some.detail + rows).astype(np.int32)
+            row = some.detail + np.int32(rows)
             tables.append(table)
             rows += len(table)
         fragments.append(dataclasses.replace(some, detail=row))

@@ -30,7 +30,7 @@ def lit_by_circles(circles: CirclePlan, box: Window) -> np.ndarray:
     before = circles.kernel_of_bin[some.bin[part] - circles.first_bin]
     own = some.x[part] - box.left, some.y[part] - box.top
     _mark(lit, before, *own, BLOCK)
-    if circles.responses is not None:
+    if circles.small is not None:
         for across, down in itertools.product((-REACH, REACH), repeat=2):
             _mark(lit, before, own[0] + across, own[1] + down, BLOCK)
     reach = circles.moved_reach

@@ -22,11 +22,10 @@ from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.raster import Window
 from .bands import Band, Raster, bands
-from .detail import Detail
 from .fragments import BIN_RADIUS, Fragments
 from .kernels import LINEAR_VARIANCE, SUBPIXEL_VARIANCE, KernelFactory, is_plain
 from .lens_view import Occluded, ViewPyramid
-from .small_circles import STEP, responses_of
+from .small_circles import STEP, SmallCircles, responses_of
 
 CELL_RADIUS = 1.0
 """Over what the share of a lens point is spread, in radii of a disc of its part of the lens."""
@@ -84,9 +83,8 @@ class CirclePlan:
     ``part``                      which of them are in the slice
     ``kernel_radii``              float64 (K,), ascending, in pixels of the slice
     ``kernels``                   one for each radius
-    ``detail``                    where circles are small, the table of that of the fragments,
-                                  if there is one; else ``None``
-    ``responses``                 what subpixels around get of it, see :mod:`.small_circles`
+    ``small``                     the detail of the fragments where their circles are small and
+                                  it is known; else ``None``
     ``first_bin``                 of the bins in ``kernel_of_bin``
     ``kernel_of_bin``             uint32 (bins,), index of the kernel before a bin's circles
     ``single_points``             int64 (n,), fragments of ``part`` so bright that their place
@@ -99,8 +97,7 @@ class CirclePlan:
     part: slice
     kernel_radii: np.ndarray
     kernels: list[np.ndarray]
-    detail: Detail | None
-    responses: np.ndarray | None
+    small: SmallCircles | None
     first_bin: int
     kernel_of_bin: np.ndarray
     single_points: np.ndarray
@@ -303,8 +300,8 @@ class _SlicePlanner:
         return 0 if moments is None or self.inner > 0 else moments.shape[1]
 
     def _circles(self, ratio: float) -> CirclePlan:
-        responses = self._responses()
-        radii = np.zeros(1) if responses is not None else self._kernel_radii(ratio)
+        small = self._small()
+        radii = np.zeros(1) if small is not None else self._kernel_radii(ratio)
         kernels = [self.factory.of_radius(radius) for radius in radii]
         part = self.parts[0]
         single_points = self.view.single_points
@@ -325,21 +322,21 @@ class _SlicePlanner:
             part,
             radii,
             kernels,
-            None if responses is None else self.detail,
-            responses,
+            small,
             first_bin,
             kernel_of_bin,
             single_points,
             MOVED_REACH if wide else 1,
         )
 
-    def _responses(self) -> np.ndarray | None:
-        """What subpixels around get of detail, where there is some and circles are small."""
+    def _small(self) -> SmallCircles | None:
+        """The detail of the fragments, if it is known and their circles are small."""
         psf = self.factory.psf
         is_small = self.inner == 0 and self.radii.max(initial=0) > STEP / 2
         if not is_small or self.detail is None or not is_plain(psf):
             return None
-        return responses_of(psf, float(self.factory.lens.squeeze), self.detail.degree)
+        squeeze = float(self.factory.lens.squeeze)
+        return SmallCircles(self.detail, responses_of(psf, squeeze, self.detail.degree))
 
     def _kernel_radii(self, ratio: float) -> np.ndarray:
         """Radii, as few as will do, that have kernels; there are circles near each.

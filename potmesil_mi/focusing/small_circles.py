@@ -19,6 +19,7 @@ import numpy as np
 
 from .. import _backend as jit
 from ..optics.aperture import Aperture
+from .detail import Detail
 from .moments import NODES, legendre
 
 STEP = 1 / 48
@@ -44,6 +45,16 @@ FINER = 16
 
 MIDDLE = (0.5, 0.5)
 """The middle of a cell."""
+
+
+class SmallCircles(NamedTuple):
+    """The table of the ``detail`` of fragments, and what subpixels around get of each order of it.
+
+    ``responses`` are those of :func:`responses_of`.
+    """
+
+    detail: Detail
+    responses: np.ndarray
 
 
 @functools.lru_cache(maxsize=32)

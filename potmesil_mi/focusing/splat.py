@@ -26,7 +26,7 @@ from .fragments import FragmentColumns, scatter_mode
 from .lit import lit_by_circles, lit_by_points
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
-from .small_circles import shared
+from .small_circles import SmallCircles, shared
 
 LEAST_WIDTH = 0.05
 """Width in subpixels of light at the edge of one."""
@@ -177,14 +177,14 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
     """Unoccluded fragments in images of the kernel radii around theirs."""
     columns, part, box = circles.fragments.on_device, circles.part, depth_slice.box
     count = part.stop - part.start
-    sizes = SIZES_AN_OCTAVE if circles.responses is None else SIZES_OF_SMALL_CIRCLES
+    sizes = SIZES_AN_OCTAVE if circles.small is None else SIZES_OF_SMALL_CIRCLES
     stack = ImageStack(box, channels, 2 * count, lit_by_circles(circles, box), sizes)
     fragment = dr.arange(jit.UInt32, count)
     fragment += dr.opaque(jit.UInt32, part.start)
     column, row = _column_and_row(columns, fragment, box)
-    if circles.responses is not None:
+    if circles.small is not None:
         radius = _radius(columns, fragment, depth_slice.blur)
-        _splat_small_circles(stack, circles, fragment, (column, row), radius)
+        _splat_small_circles(stack, columns, circles.small, fragment, (column, row), radius)
         stack.start()
         return KernelImages(stack, circles.kernels)
     kernel, share = _between_kernels(columns, fragment, circles, depth_slice.blur)
@@ -207,7 +207,8 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
 
 def _splat_small_circles(
     stack: ImageStack,
-    circles: CirclePlan,
+    columns: FragmentColumns,
+    small: SmallCircles,
     fragment: jit.UInt32,
     place: tuple[jit.Int32, jit.Int32],
     radius: jit.Float,
@@ -216,20 +217,17 @@ def _splat_small_circles(
 
     ``radius`` is signed, in subpixels.
     """
-    columns, detail, responses = circles.fragments.on_device, circles.detail, circles.responses
     assert columns.detail is not None
-    assert detail is not None
-    assert responses is not None
     table_row = dr.gather(jit.Int32, columns.detail, fragment)
     known, table_row = table_row != NO_DETAIL, jit.UInt32(table_row)
     column, row = place
     for target, of_it, its_detail, kind in (
-        (stack.colours, columns.values[:1], detail.colours, jit.Array4f),
-        (stack.alpha, columns.alpha[:1], detail.alpha, jit.Float),
+        (stack.colours, columns.values[:1], small.detail.colours, jit.Array4f),
+        (stack.alpha, columns.alpha[:1], small.detail.alpha, jit.Float),
     ):
         light = [dr.gather(kind, of, fragment) for of in of_it]
         light += [dr.gather(kind, of, table_row, known) for of in its_detail]
-        for share in shared(light, radius, responses) if light else ():
+        for share in shared(light, radius, small.responses) if light else ():
             beside = column + share.across, row + share.down
             there = stack.place(jit.UInt32(0), *beside, share.active)
             dr.scatter_add(target, share.light, there, share.active, mode=stack.mode)
