@@ -85,7 +85,8 @@ class Detail:
         pinhole sees have of its share is taken away.
         """
         assert fragments.detail is not None
-        row, subpixel = jit.Int32(fragments.detail), jit.UInt32(fragments.subpixel)
+        row = jit.from_numpy(jit.Int32, fragments.detail)
+        subpixel = jit.from_numpy(jit.UInt32, fragments.subpixel)
         known, row = row != NO_DETAIL, jit.UInt32(row)
         times = jit.Float(1)
         if scale is not None:

@@ -273,16 +273,16 @@ def _scatter_add(
     channels = values.shape[1]
     lane = dr.arange(jit.UInt32, values.size)
     row = lane // channels
-    index = dr.gather(jit.UInt32, jit.UInt32(place.astype(np.uint32)), row) * channels
+    index = dr.gather(jit.UInt32, jit.from_numpy(jit.UInt32, place), row) * channels
     index += lane - row * channels
-    value = jit.Float(values.ravel())
+    value = jit.from_numpy(jit.Float, values.ravel())
     if around is None:
         dr.scatter_add(target, value, index, mode=mode)
     else:
         kernels, class_, width = around
         rows, columns = kernels.shape[1:]
-        flat = jit.Float(kernels.ravel())
-        first = dr.gather(jit.UInt32, jit.UInt32(class_.astype(np.uint32)), row) * (rows * columns)
+        flat = jit.from_numpy(jit.Float, kernels.ravel())
+        first = dr.gather(jit.UInt32, jit.from_numpy(jit.UInt32, class_), row) * (rows * columns)
         for i, (dy, dx) in enumerate(itertools.product(range(rows), range(columns))):
             if kernels[:, dy, dx].any():
                 offset = (dy - rows // 2) * width + dx - columns // 2

@@ -190,6 +190,8 @@ def _response(
         return 0.5, np.ones_like
 
     def response(x: np.ndarray) -> np.ndarray:
-        return np.array(rfilter.eval(jit.Float(x.ravel())), dtype=np.float64).reshape(x.shape)
+        return np.array(
+            rfilter.eval(jit.from_numpy(jit.Float, x.ravel())), dtype=np.float64
+        ).reshape(x.shape)
 
     return rfilter.radius(), response

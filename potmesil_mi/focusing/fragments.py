@@ -11,12 +11,15 @@ import dataclasses
 import functools
 import itertools
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+
+T = TypeVar("T")
 
 BIN_RADIUS = 0.25
 """Samples of a subpixel are one fragment where their circles' radii differ by less (subpixels)."""
@@ -277,16 +280,16 @@ class FragmentColumns:
             light += list(fragments.moments.swapaxes(0, 1))
         has_alpha = fragments.values.shape[1] > SHARE + 1
         return cls(
-            x=jit.Int32(fragments.x),
-            y=jit.Int32(fragments.y),
-            vergence=jit.Float(fragments.vergence),
-            bin=jit.UInt32(fragments.bin),
+            x=jit.from_numpy(jit.Int32, fragments.x),
+            y=jit.from_numpy(jit.Int32, fragments.y),
+            vergence=as_column(fragments.vergence),
+            bin=jit.from_numpy(jit.UInt32, fragments.bin),
             values=[as_column(of[:, :4]) for of in light],
             alpha=[as_column(of[:, 4]) for of in light if has_alpha],
-            detail=None if fragments.detail is None else jit.Int32(fragments.detail),
+            detail=_optional(jit.Int32, fragments.detail),
             offset=columns_of(fragments.offset),
             motion=columns_of(fragments.motion),
-            instant=None if fragments.instant is None else jit.UInt32(fragments.instant),
+            instant=_optional(jit.UInt32, fragments.instant),
         )
 
 
@@ -295,9 +298,14 @@ def columns_of(table: np.ndarray | None) -> list[jit.Float] | None:
     return None if table is None else [as_column(of) for of in table.T]
 
 
+def _optional(kind: Callable[..., T], column: np.ndarray | None) -> T | None:
+    """A column as a Dr.Jit array, if there is one."""
+    return None if column is None else jit.from_numpy(kind, column)
+
+
 def as_column(values: np.ndarray) -> jit.Float:
     """The values of an array, one after the other."""
-    return jit.Float(np.ascontiguousarray(values).ravel())
+    return jit.from_numpy(jit.Float, values.ravel())
 
 
 def scatter_mode(density: float = math.inf) -> dr.ReduceMode:

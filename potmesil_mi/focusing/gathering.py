@@ -20,6 +20,7 @@ from .fragments import (
     MAX_BINS,
     SHARE,
     Fragments,
+    as_column,
     scatter_mode,
 )
 from .locating import Bins, Located, index_of, located_in, one_subpixel_each, parts_of, places_of
@@ -308,15 +309,15 @@ class _SumsAlone:
         alone: jit.Bool,
     ) -> None:
         """Add the samples ``part`` that are ``alone``."""
-        mode = scatter_mode()
-        all_weight = jit.Float(samples.weight[part]) * subpixels**2
-        red, green, blue = dr.unravel(jit.Array3f, jit.Float(samples.rgb[part].ravel()))
+        mode, area = scatter_mode(), dr.opaque(jit.Float, subpixels**2)
+        all_weight = jit.from_numpy(jit.Float, samples.weight[part]) * area
+        red, green, blue = dr.unravel(jit.Array3f, as_column(samples.rgb[part]))
         for k, (i, j) in enumerate(self.terms.every):
             weight = all_weight * legendre(i, at.across) * legendre(j, at.down)
             values = jit.Array4f(weight * red, weight * green, weight * blue, weight)
             dr.scatter_add(self.light[k], values, at.subpixel, alone, mode=mode)
             if self.alpha:
-                values = weight * jit.Float(samples.alpha[part])
+                values = weight * jit.from_numpy(jit.Float, samples.alpha[part])
                 dr.scatter_add(self.alpha[k], values, at.subpixel, alone, mode=mode)
         dr.scatter_add(self.vergence, all_weight * at.vergence, at.subpixel, alone, mode=mode)
         dr.eval(self.light, self.alpha, self.vergence)

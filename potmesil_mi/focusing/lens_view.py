@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _backend as jit
 from .detail import Detail
-from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments
+from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments, as_column
 from .highlights import is_highlight, parted
 from .lens_points import LensPoints
 from .visibility import Jitter, visibility, visibility_of_highlights
@@ -104,14 +104,14 @@ class Occluded:
         The values are scaled: multiplied by what a lens point sees, they are its share.
         """
         share = np.float32(1 / (255 * self.count))
-        u, v = (jit.Float(column) for column in self.points.reshape(-1, 2).T.copy())
+        u, v = (as_column(column) for column in self.points.reshape(-1, 2).T)
         return OccludedColumns(
             FragmentColumns.of(self.fragments.scaled(np.full(len(self.fragments), share))),
-            jit.UInt8(self.seen.ravel()),
-            jit.Float(self.seen.sum(axis=1, dtype=np.float32)),
+            jit.from_numpy(jit.UInt8, self.seen.ravel()),
+            as_column(self.seen.sum(axis=1, dtype=np.float32)),
             u,
             v,
-            None if self.times is None else jit.Float(self.times),
+            None if self.times is None else as_column(self.times),
         )
 
 

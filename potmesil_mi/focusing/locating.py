@@ -96,7 +96,9 @@ class Bins(NamedTuple):
 
     def of_vergence(self, vergence: jit.Float) -> jit.UInt32:
         """The bins of samples."""
-        from_first = (vergence - self.vergence_min) * dr.opaque(jit.Float, 1 / self.width)
+        from_first = (vergence - dr.opaque(jit.Float, self.vergence_min)) * dr.opaque(
+            jit.Float, 1 / self.width
+        )
         return dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
 
 
@@ -118,15 +120,16 @@ def located_in(
     samples: PointSamples, subpixels: int, raster: Window, part: slice | np.ndarray
 ) -> Located:
     """Where the samples of a ``part``, or those of its indices, are on a ``raster``."""
-    left, top = samples.window[:2]
-    x = (jit.Float(samples.x[part]) - left) * subpixels
-    y = (jit.Float(samples.y[part]) - top) * subpixels
-    column = dr.clip(jit.Int32(dr.floor(x)), 0, raster.width - 1)
-    row = dr.clip(jit.Int32(dr.floor(y)), 0, raster.height - 1)
+    left, top, times = (dr.opaque(jit.Float, of) for of in (*samples.window[:2], subpixels))
+    width, height = (dr.opaque(jit.Int32, of) for of in (raster.width, raster.height))
+    x = (jit.from_numpy(jit.Float, samples.x[part]) - left) * times
+    y = (jit.from_numpy(jit.Float, samples.y[part]) - top) * times
+    column = dr.clip(jit.Int32(dr.floor(x)), 0, width - 1)
+    row = dr.clip(jit.Int32(dr.floor(y)), 0, height - 1)
     return Located(
-        jit.UInt32(row * raster.width + column),
-        dr.rcp(jit.Float(samples.z[part])),
-        jit.UInt8(samples.layer[part]) == 0,
+        jit.UInt32(row * width + column),
+        dr.rcp(jit.from_numpy(jit.Float, samples.z[part])),
+        jit.from_numpy(jit.UInt8, samples.layer[part]) == 0,
         dr.clip(2 * (x - jit.Float(column)) - 1, -1, 1),
         dr.clip(2 * (y - jit.Float(row)) - 1, -1, 1),
     )

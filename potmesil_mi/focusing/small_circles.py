@@ -108,7 +108,7 @@ def shared(light: Sequence[Any], radius: jit.Float, responses: np.ndarray) -> It
     no less than nothing, and together all of the light, or hardly more.
     """
     degree = responses.shape[2] - 1
-    table = jit.Float(responses.ravel())
+    table = jit.from_numpy(jit.Float, responses.ravel())
     level = jit.UInt32(dr.clip(dr.round(radius / STEP), -LEVELS, LEVELS) + LEVELS)
     across, down = (
         [

@@ -58,7 +58,7 @@ class ImageStack:
         self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
-        self._number = jit.UInt32(self.number.ravel())
+        self._number = jit.from_numpy(jit.UInt32, self.number.ravel())
 
     def place(
         self, image: jit.UInt32, column: jit.Int32, row: jit.Int32, active: jit.Bool = True
@@ -193,7 +193,7 @@ def _splat_circles(depth_slice: DepthSlice, circles: CirclePlan, channels: int) 
         beyond = stack.place(kernel + 1, column, row)
         stack.add(columns, fragment, beyond, share, share > 0)
     if len(circles.single_points):
-        chosen = jit.UInt32(circles.single_points - part.start)
+        chosen = jit.from_numpy(jit.UInt32, circles.single_points - part.start)
         fragment, column, row, kernel, share = (
             dr.gather(type(of), of, chosen) for of in (fragment, column, row, kernel, share)
         )
@@ -243,8 +243,10 @@ def _between_kernels(
     squares = circles.kernel_radii**2
     steps = 1 / np.diff(squares, append=np.inf)
     bin_ = dr.gather(jit.UInt32, columns.bin, fragment) - dr.opaque(jit.UInt32, circles.first_bin)
-    kernel = dr.gather(jit.UInt32, jit.UInt32(circles.kernel_of_bin), bin_)
-    first, step = (dr.gather(jit.Float, jit.Float(of), kernel) for of in (squares, steps))
+    kernel = dr.gather(jit.UInt32, jit.from_numpy(jit.UInt32, circles.kernel_of_bin), bin_)
+    first, step = (
+        dr.gather(jit.Float, jit.from_numpy(jit.Float, of), kernel) for of in (squares, steps)
+    )
     radius = _radius(columns, fragment, blur)
     return kernel, dr.clip((dr.square(radius) - first) * step, 0, 1)
 
@@ -267,7 +269,7 @@ def _moved(circles: CirclePlan) -> Iterator[tuple[int, int, jit.Float]]:
         ]
     for (dx, x), (dy, y) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
         share = x[:, 0] * y[:, 1] - (dx == 0 and dy == 0)
-        yield int(dx), int(dy), jit.Float(share.astype(np.float32))
+        yield int(dx), int(dy), jit.from_numpy(jit.Float, share)
 
 
 def _splat_points(

@@ -113,8 +113,8 @@ class Jitter:
         mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
         mixed ^= mixed >> np.uint32(13)
         angle = (mixed & np.uint32(0xFFFF)) * (2 * math.pi / 65536)
-        self.cosine, self.sine = (jit.Float(f(angle).astype(np.float32)) for f in (np.cos, np.sin))
-        self.outwards = jit.Float((mixed >> np.uint32(16)).astype(np.float32) / 65536)
+        self.cosine, self.sine = (jit.from_numpy(jit.Float, f(angle)) for f in (np.cos, np.sin))
+        self.outwards = jit.from_numpy(jit.Float, (mixed >> np.uint32(16)) / 65536)
         self.cell = cell
 
     def reaches(self, radii: np.ndarray) -> np.ndarray:
@@ -161,22 +161,19 @@ def visibility_of_highlights(
     np.maximum.at(nearest, subpixel, parallax)
     same = _nearest_thing(fragments, parallax)
     depth = np.bincount(subpixel[same], optical_depth(fragments)[same], width * height)
-    parallaxes, depths = jit.Float(nearest), jit.Float(depth)
+    parallaxes, depths = (jit.from_numpy(jit.Float, of) for of in (nearest, depth))
     end = dr.opaque(jit.Float, float(nearest.max()))
     count = dr.opaque(jit.UInt32, len(points))
     lane = dr.arange(jit.UInt32, len(highlights) * len(points))
     fragment = lane // count
     point = lane - fragment * count
-    u, v = (
-        dr.gather(jit.Float, jit.Float(np.ascontiguousarray(column, np.float32)), point)
-        for column in points.T
-    )
+    u, v = (dr.gather(jit.Float, jit.from_numpy(jit.Float, column), point) for column in points.T)
     u, v = Jitter(highlights, cell).moved(u, v, point, fragment)
     x, y = (
-        dr.gather(jit.Float, jit.Float(column + np.float32(0.5)), fragment)
+        dr.gather(jit.Float, jit.from_numpy(jit.Float, column + np.float32(0.5)), fragment)
         for column in (highlights.x, highlights.y)
     )
-    own = jit.Float(highlights.vergence * np.float32(radius_per_vergence))
+    own = jit.from_numpy(jit.Float, highlights.vergence * np.float32(radius_per_vergence))
     own = dr.gather(jit.Float, own, fragment)
     wide, high = dr.opaque(jit.Int32, width), dr.opaque(jit.Int32, height)
 
@@ -295,7 +292,10 @@ class _Covers:
     def on_device(self) -> _CoverColumns:
         """The columns as Dr.Jit arrays."""
         return _CoverColumns(
-            *(jit.Float(getattr(self, field.name)) for field in dataclasses.fields(self))
+            *(
+                jit.from_numpy(jit.Float, getattr(self, field.name))
+                for field in dataclasses.fields(self)
+            )
         )
 
 
@@ -321,9 +321,10 @@ class _Shifted:
     ) -> None:
         self.count = len(fragments)
         self.bin = fragments.bin
-        self.x = jit.Float(fragments.x + np.float32(margin + 0.5))
-        self.y = jit.Float(fragments.y + np.float32(margin + 0.5))
-        self.parallax = jit.Float((fragments.vergence - middle) * np.float32(radius_per_vergence))
+        self.x = jit.from_numpy(jit.Float, fragments.x + np.float32(margin + 0.5))
+        self.y = jit.from_numpy(jit.Float, fragments.y + np.float32(margin + 0.5))
+        parallax = (fragments.vergence - middle) * np.float32(radius_per_vergence)
+        self.parallax = jit.from_numpy(jit.Float, parallax)
         self.motion = columns_of(fragments.motion)
         self.per_vergence = radius_per_vergence
 
@@ -404,7 +405,7 @@ def _seen_from(
     bins nearer than a step's are added to the optical depth, then those of the step are looked up.
     """
     count = len(points)
-    u, v, time = (jit.Float(np.ascontiguousarray(column)) for column in points.T)
+    u, v, time = (jit.from_numpy(jit.Float, column) for column in points.T)
     on_device = u, v, time
     depth = dr.zeros(jit.Float, frame.size * count)
     seen = dr.zeros(jit.UInt8, behind.count * count)

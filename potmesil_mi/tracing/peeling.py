@@ -347,11 +347,10 @@ def shaded(hidden: Hidden, x: np.ndarray, y: np.ndarray, rays: PrimaryRays, path
 
 def _pixel_of(window: Window, x: mi.Float, y: mi.Float) -> mi.UInt32:
     """Index of the pixel of each position, as :meth:`Window.pixel_of` has it."""
-    column, row = (
-        dr.clip(mi.Int32(dr.floor(at)) - first, 0, size - 1)
-        for at, first, size in ((x, window.left, window.width), (y, window.top, window.height))
-    )
-    return mi.UInt32(row * window.width + column)
+    left, top, width, height = (dr.opaque(mi.Int32, edge) for edge in window)
+    column = dr.clip(mi.Int32(dr.floor(x)) - left, 0, width - 1)
+    row = dr.clip(mi.Int32(dr.floor(y)) - top, 0, height - 1)
+    return mi.UInt32(row * width + column)
 
 
 def may_hide(
