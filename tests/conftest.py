@@ -19,7 +19,7 @@ QUICK = (
     "test_docs.py",
     "test_spec.py",
     "test_validation.py",
-    "tracing/test_disocclusion.py",
+    "optics/test_disocclusion.py",
     "tracing/test_sampling.py",
 )
 """Where `pytest -m quick` looks: it runs what sets no variant and is not marked slow."""

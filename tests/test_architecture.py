@@ -15,20 +15,21 @@ PACKAGE = "potmesil_mi"
 FLOORS = {
     "ground floor": 0,
     "optics": 1,
-    "samples": 2,
-    "filters": 3,
-    "motion": 3,
-    "tracing": 4,
-    "focusing": 4,
-    "animation": 5,
-    "evaluation": 5,
-    "plugins": 6,
-    "cli": 7,
-    "front": 8,
+    "pictures": 2,
+    "samples": 3,
+    "filters": 4,
+    "motion": 4,
+    "tracing": 5,
+    "focusing": 5,
+    "animation": 6,
+    "evaluation": 6,
+    "plugins": 7,
+    "cli": 8,
+    "front": 9,
 }
 """Wings and the floor that each stands on: imports go to the same wing or to a lower floor."""
 
-WITHOUT_MITSUBA = ("optics", "samples", "filters", "focusing", "motion", "animation")
+WITHOUT_MITSUBA = ("optics", "pictures", "samples", "filters", "focusing", "motion", "animation")
 
 LONGEST_FILE = 450
 LONGEST_FUNCTION = 60

@@ -16,6 +16,7 @@ from .options import (
     add_method,
     add_motion,
     add_output,
+    add_picture,
     add_samples,
     add_sampling,
     add_scene,
@@ -23,6 +24,7 @@ from .options import (
     given_denoise,
     given_lens,
     given_method,
+    given_picture,
     given_sampling,
     scene_with_lens,
     set_variant,
@@ -90,17 +92,27 @@ examples:
   potmesil focus kitchen.samples --focus-distance 3.5 -o far.png
   potmesil focus kitchen.samples --f-number 8 --method paper --tables 200 -o sharper.exr
   potmesil focus kitchen.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
+  potmesil focus blender.exr --f-number 2 --focus-distance 3 --frame-width 36 -o near.png
+  potmesil focus photo.png --depth depth.png --depth-scale 0.001 --depth-kind z --fov 60
+    --f-number 1.4 --focus-distance 2 --millimeters-per-unit 1000 -o near.png
+
+A picture of another program and its depth do as well as samples; what it does not say of the camera
+and the lens, options say.
 """
 
 
 def focus_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil focus``; returns the examples."""
-    command.add_argument("samples", metavar="SAMPLES", help="file of `render --samples`")
+    command.add_argument(
+        "samples", metavar="SAMPLES|PICTURE",
+        help="file of `render --samples`, or a picture with its depth",
+    )  # fmt: skip
     add_output(command)
     add_denoise(command, "no")
     add_lens(command)
     add_method(command)
     add_filter(command)
+    add_picture(command)
     return FOCUS_EXAMPLES
 
 
@@ -118,7 +130,7 @@ def refocus(options: argparse.Namespace) -> None:
     # The samples are read while what takes longest to import is imported. Pictures are formed
     # without a variant, too, which takes a fifth of a second to set.
     with ThreadPoolExecutor(1) as pool:
-        loading = pool.submit(_loaded, options.samples)
+        loading = pool.submit(_loaded, options)
         if options.variant is not None:
             set_variant(options.variant)
         from ..focusing import layered  # noqa: F401
@@ -127,15 +139,25 @@ def refocus(options: argparse.Namespace) -> None:
         samples = loading.result()
     if options.denoise:
         samples = samples.denoised()
-    lens = samples.lens.replace(**given_lens(options))
-    _write(focus(samples, lens, method=method, filters=filters), options.output)
+    _write(focus(samples, method=method, filters=filters), options.output)
 
 
-def _loaded(path: str) -> PointSamples:
-    """The samples of a file, and with them what methods ask of them first, which they keep."""
+def _loaded(options: argparse.Namespace) -> PointSamples:
+    """The samples of a file, or of a picture, with the lens of the options.
+
+    They keep what methods ask of them first.
+    """
+    from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
 
-    samples = PointSamples.load(path)
+    path, picture, lens = options.samples, given_picture(options), given_lens(options)
+    if holds_samples(path):
+        if picture:
+            raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
+        samples = PointSamples.load(path)
+        samples = samples.replace(lens=samples.lens.replace(**lens))
+    else:
+        samples = PointSamples.from_image(path, lens=lens, **picture)
     _ = samples.spp, samples.is_crowded
     return samples
 

@@ -48,6 +48,27 @@ LENS_OPTIONS = {
 }
 """Help of the options that are parameters of ``ThinLens`` and ``TelecentricLens``."""
 
+PICTURE_OPTIONS = {
+    "depth": "file of its depth: EXR, PNG, TIFF, .npy (default: the depth in it)",
+    "depth_kind": "z: along the axis; distance: along the ray; inverse: 1/z; ndc (default: that of "
+    "the program that wrote it, if that is known)",
+    "depth_scale": "scene units for 1 of a depth, such as 0.001 for whole numbers in mm",
+    "camera": "its horizontal field of view in degrees (default: what it says)",
+    "near": "ndc: the near plane, in scene units",
+    "far": "ndc: the far plane (default inf)",
+    "clip": "ndc: opengl, -1 to 1 (default), or direct3d, 0 to 1",
+    "reverse": "ndc: whether 1 is near",
+    "background": "depth from which on nothing was hit",
+    "antialiased": "whether silhouettes are smooth, and parted in two surfaces (default: yes)",
+    "hidden": "behind near edges farther things go on (default), or none",
+    "layer": "name of the layer of colours, where it has several",
+    "depth_channel": "name of the channel of depth, where it has several",
+}
+"""Help of the options that are parameters of ``PointSamples.from_image``."""
+
+OPTION_NAMES = {"camera": "--fov"}
+"""Options that are not called what their parameters are."""
+
 OPENINGS = {"f_number", "aperture_radius"}
 """Two parameters of which one says how wide the aperture is."""
 
@@ -65,6 +86,14 @@ METHOD_OPTIONS = {
 METAVARS = {
     "overscan": "PIXELS",
     "min_f_number": "N",
+    "depth": "FILE",
+    "depth_scale": "S",
+    "camera": "DEGREES",
+    "near": "N",
+    "far": "F",
+    "background": "Z",
+    "layer": "NAME",
+    "depth_channel": "NAME",
     "refine": "SHARE",
     "focus_range": "NEAR/FAR",
     "clamp": "RADIANCE",
@@ -134,6 +163,17 @@ def add_sampling(command: argparse.ArgumentParser) -> None:
     _add_parameters(group, _types_of(Sampling), SAMPLING_OPTIONS)
 
 
+def add_picture(command: argparse.ArgumentParser) -> None:
+    """Add an option for each parameter of ``PointSamples.from_image`` but the lens."""
+    from ..samples.point_samples import PointSamples
+
+    group = command.add_argument_group(
+        "picture of another program", "what it says of itself needs no option"
+    )
+    types = get_type_hints(PointSamples.from_image)
+    _add_parameters(group, types, PICTURE_OPTIONS)
+
+
 def add_motion(command: argparse.ArgumentParser) -> None:
     """Add the option that tells what moves."""
     command.add_argument(
@@ -191,13 +231,14 @@ def _add_parameters(
 ) -> None:
     """Add an option for each parameter in ``texts``, which have their help; ``None`` by default."""
     for name, text in texts.items():
-        option = "--" + name.replace("_", "-")
-        group.add_argument(option, help=text, metavar=METAVARS.get(name), **_parsing(types[name]))
+        option = OPTION_NAMES.get(name, "--" + name.replace("_", "-"))
+        metavar = METAVARS.get(name)
+        group.add_argument(option, help=text, metavar=metavar, dest=name, **_parsing(types[name]))
 
 
 def _parsing(kind: Any) -> dict[str, Any]:
     """How ``argparse`` reads a parameter of a type, which may be optional."""
-    kinds = [kind] if get_origin(kind) in (None, Literal) else get_args(kind)
+    kinds = [kind] if get_origin(kind) in (None, Literal) else [*get_args(kind)]
     for one in kinds:
         if get_origin(one) is Literal:
             return {"choices": get_args(one)}
@@ -269,6 +310,11 @@ def scene_with_lens(
 def given_lens(options: argparse.Namespace) -> dict[str, Any]:
     """Parameters of the lens that the options give."""
     return _given(options, LENS_OPTIONS)
+
+
+def given_picture(options: argparse.Namespace) -> dict[str, Any]:
+    """Parameters of ``PointSamples.from_image`` that the options give."""
+    return _given(options, PICTURE_OPTIONS)
 
 
 def given_sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sampling:

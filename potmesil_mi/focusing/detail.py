@@ -13,6 +13,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from ..samples.point_samples import PointSamples
 from .fragments import SHARE, Fragments, as_column, scatter_mode
 
 DEGREES = {1: 2, 2: 1, 3: 1}
@@ -22,9 +23,20 @@ NO_DETAIL = -1
 """``Fragments.detail`` of those that are even."""
 
 
-def detail_degree(subpixels: int) -> int:
-    """The degree of the moments for so many ``subpixels`` on a side of a pixel; 0 for none."""
-    return DEGREES.get(subpixels, 0)
+FEW = 1 << 12
+"""Samples that mostly tell whether all are in the middles of pixels."""
+
+
+def detail_degree(samples: PointSamples, subpixels: int) -> int:
+    """The degree of the moments for so many ``subpixels`` on a side of a pixel; 0 for none.
+
+    Samples of a picture stand for their whole pixels, in whose middles they are.
+    """
+    degree = DEGREES.get(subpixels, 0)
+    for part in (slice(FEW), slice(None)):
+        if degree == 0 or (samples.x[part] % 1 != 0.5).any():
+            return degree
+    return 0
 
 
 def along_axes(degree: int) -> list[tuple[int, int]]:

@@ -121,7 +121,7 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
 
     def fragments() -> Evened:
         # Another filter than a box asks for the places of light itself, before it is spread.
-        detailed = 0 if diffracts or degree > 0 else detail_degree(subpixels)
+        detailed = 0 if diffracts or degree > 0 else detail_degree(samples, subpixels)
         gathered = gather_with_known(
             samples, subpixels, radius, alpha, degree, detail_degree=detailed
         )

@@ -19,6 +19,9 @@ from .header import Header
 ARCHIVE = ".samples"
 """How names of archives end: see ``archive.py``."""
 
+HEADER_BYTES = 1 << 20
+"""Bytes of a file in which the attributes of samples are, if it has any."""
+
 ENDINGS = (".exr", ARCHIVE)
 """How names of files of samples end."""
 
@@ -32,6 +35,22 @@ def write(path: str | os.PathLike[str], header: Header, columns: Columns) -> Non
     path = require_writable(path, ENDINGS)
     with written_whole(path) as temporary:
         _format(path).write(temporary, header, columns)
+
+
+def holds_samples(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is taken for samples, and not for a picture of another program.
+
+    That is so of archives, of what is no file, and of EXR files with the attributes of samples.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ARCHIVE or not path.is_file():
+        return True
+    if path.suffix.lower() != ENDINGS[0]:
+        return False
+    from .deep_exr import ATTRIBUTE
+
+    with path.open("rb") as file:
+        return ATTRIBUTE.format("samples").encode() in file.read(HEADER_BYTES)
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Header, Columns]:

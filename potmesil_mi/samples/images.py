@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, get_args
+import os
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
 from .._validation import require_choice, require_flag, require_number
+from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.depth import (
     CLIPS,
@@ -16,11 +19,20 @@ from ..optics.depth import (
     depth_from_ndc,
     depth_from_ray_length,
     depth_from_vergence,
+    ndc_from_stored,
     require_planes,
 )
+from ..optics.lens import ThinLens
+from ..optics.planarity import bending, verdict
+from ..pictures.picture import read_picture
+from .image_layers import HIDDEN, Hidden, with_layers
+from .picture_optics import camera_and_lens
 
 DepthKind = Literal["z", "distance", "inverse", "ndc"]
 """What the numbers of a depth mean."""
+
+NEAREST = 1e-30
+"""The least depth in scene units that single precision can use."""
 
 MOST_IDS = (1 << 32) - 1
 """The largest id of a surface."""
@@ -28,48 +40,104 @@ MOST_IDS = (1 << 32) - 1
 DEPTH_KINDS: tuple[DepthKind, ...] = get_args(DepthKind)
 
 
-def columns_of_image(
+class Described(NamedTuple):
+    """What is said of a picture, beside its numbers: see :meth:`PointSamples.from_image`."""
+
+    depth_kind: DepthKind | None
+    near: float | None
+    far: float
+    clip: Clip
+    reverse: bool
+    background: float | None
+    depth_scale: float | None
+    antialiased: bool
+    hidden: Hidden
+
+
+class SampledImage(NamedTuple):
+    """A picture as samples: its camera, its lens, the names of its surfaces, and its columns."""
+
+    camera: Camera
+    lens: ThinLens
+    surfaces: Mapping[int, str]
+    columns: dict[str, Any]
+
+
+def image_of_file(
+    path: str | os.PathLike[str],
+    depth: str | os.PathLike[str] | None,
+    camera: Camera | float | None,
+    lens: ThinLens | Mapping[str, Any] | None,
+    described: Described,
+    layer: str | None,
+    depth_channel: str | None,
+) -> SampledImage:
+    """A picture of any program in files.
+
+    The parameters, and what is raised, are those of :meth:`PointSamples.from_image`; errors name
+    the file.
+    """
+    picture = read_picture(path, depth, layer=layer, depth_channel=depth_channel)
+    known = picture.known
+    camera, lens = camera_and_lens(picture, str(path), camera, lens)
+    values = picture.depth
+    if described.depth_kind is None:
+        if known is None:
+            whole = values if described.depth_scale is None else values * described.depth_scale
+            raise ValueError(
+                f"{depth or path}: no file says whether its depth is along the axis (z) or the ray "
+                f"(distance); {verdict(bending(whole, camera))}; give depth_kind, one of "
+                f"{', '.join(DEPTH_KINDS)}"
+            )
+        alpha = picture.rgb[..., 3] if picture.rgb.shape[2] == 4 else None
+        if known.filtered:
+            from .filtered_depth import unfiltered  # See with_layers.
+
+            values = unfiltered(values, alpha)
+        elif known.zero_is_none:
+            values = np.where(values == 0, np.inf, values)
+        described = described._replace(depth_kind=cast(DepthKind, known.kind))
+        if described.background is None:
+            described = described._replace(background=known.background)
+    try:
+        return image_of_arrays(
+            picture.rgb, values, camera, lens, described, picture.surface, picture.surfaces
+        )
+    except ValueError as error:
+        raise ValueError(f"{depth or path}: {error}") from error
+
+
+def image_of_arrays(
     rgb: Any,
     depth: Any,
-    camera: Camera | float,
-    depth_kind: DepthKind,
-    near: float | None,
-    far: float,
-    clip: Clip,
-    reverse: bool,
-    background: float | None,
+    camera: Camera | float | None,
+    lens: ThinLens | Mapping[str, Any] | None,
+    described: Described,
     surface: Any,
-) -> tuple[Camera, dict[str, Any]]:
-    """The camera of a picture and the columns of its samples, in the order of its rows.
+    surfaces: Mapping[int, str] | None,
+) -> SampledImage:
+    """A picture in arrays, in the order of its rows.
 
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`.
     """
-    rgb, depth = np.asarray(rgb, np.float32), np.asarray(depth, np.float64)
+    rgb = np.asarray(rgb, np.float32)
     if rgb.ndim != 3 or rgb.shape[2] not in (3, 4) or rgb.size == 0:
         raise ValueError(f"rgb: its shape is {rgb.shape}, must be (height, width, 3 or 4)")
-    size = rgb.shape[:2]
+    if depth is None:
+        raise ValueError("depth=None: must be the depth of the pixels of an array")
+    if not isinstance(lens, ThinLens):
+        raise TypeError(f"lens={lens!r}: must be a ThinLens, or rgb the name of a file")
+    size, depth = rgb.shape[:2], _scaled(np.asarray(depth), described)
     if depth.shape != size:
         raise ValueError(f"depth: its shape is {depth.shape}, must be {size}, as that of rgb")
+    if camera is None:
+        raise ValueError("camera=None: must be a Camera, or the field of view in degrees")
     camera = _camera(camera, size)
-    require_choice("depth_kind", depth_kind, DEPTH_KINDS)
-    if background is not None:
-        require_number("background", background)
-        if background <= 0:
-            raise ValueError(f"background={background}: must be > 0 scene units")
-    _require_planes_of(depth_kind, near, far, clip, reverse)
+    require_choice("hidden", described.hidden, HIDDEN)
+    require_flag("antialiased", described.antialiased)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
     x, y = x + camera.crop_offset[0], y + camera.crop_offset[1]
-    if depth_kind == "ndc":
-        assert near is not None
-        _require_each_pixel(depth, np.isfinite(depth), "finite")
-        z = depth_from_ndc(depth, near, far, clip=clip, reverse=reverse)
-    elif depth_kind == "inverse":
-        _require_each_pixel(depth, (depth >= 0) & np.isfinite(depth), ">= 0 and finite")
-        z = depth_from_vergence(depth)
-    else:
-        _require_each_pixel(depth, depth > 0, "> 0, or inf where nothing was hit")
-        z = depth if depth_kind == "z" else depth_from_ray_length(depth, x, y, camera)
-    z = np.where(z >= (math.inf if background is None else background), np.inf, z)
+    z = _z(depth, x, y, camera, described)
     ids = np.isfinite(z) if surface is None else np.asarray(surface)
     if ids.shape != size:
         raise ValueError(f"surface: its shape is {ids.shape}, must be {size}, as that of rgb")
@@ -77,16 +145,79 @@ def columns_of_image(
         raise TypeError(f"surface: its type is {ids.dtype}, must be whole numbers")
     if ids.min() < 0 or ids.max() > MOST_IDS:
         raise ValueError(f"surface: {ids.min()} to {ids.max()}: must be 0 to {MOST_IDS}")
-    count = depth.size
-    return camera, {
+    if surfaces is None:
+        surfaces = {1: "surface"} if surface is None else {}
+    valid = np.isfinite(rgb).all(axis=2)
+    _require_each_pixel("rgb", rgb, valid, "finite")
+    columns = {
         "x": x.ravel(),
         "y": y.ravel(),
-        "rgb": rgb[..., :3].reshape(count, 3),
+        "rgb": rgb[..., :3].reshape(depth.size, 3),
         "alpha": rgb[..., 3].ravel() if rgb.shape[2] == 4 else np.isfinite(z).ravel(),
         "z": z.ravel(),
         "surface": ids.ravel(),
-        "weight": np.ones(count),
+        "weight": np.ones(depth.size),
     }
+    radius = widest_radius_per_vergence(lens, camera, float(z.min()))
+    columns = with_layers(columns, z, radius, described.antialiased, described.hidden)
+    return SampledImage(camera, lens, surfaces, columns)
+
+
+def _scaled(depth: np.ndarray, described: Described) -> np.ndarray:
+    """Depths as float64; whole numbers are codes, of which 0 says that nothing is known."""
+    scale = described.depth_scale
+    if scale is not None:
+        require_number("depth_scale", scale)
+        if scale <= 0:
+            raise ValueError(f"depth_scale={scale}: must be > 0 scene units")
+    if not np.issubdtype(depth.dtype, np.integer):
+        return depth.astype(np.float64) * (1 if scale is None else scale)
+    if described.depth_kind == "ndc":
+        stored = depth / np.iinfo(depth.dtype).max
+        return ndc_from_stored(stored, described.clip)
+    if scale is None:
+        raise ValueError(
+            "depth_scale=None: must be what 1 of these whole numbers is in scene units, such as "
+            "1/256 in KITTI and 0.001 in NYU"
+        )
+    values = depth.astype(np.float64) * scale
+    return values if described.depth_kind == "inverse" else np.where(depth == 0, np.inf, values)
+
+
+def _z(
+    depth: np.ndarray, x: np.ndarray, y: np.ndarray, camera: Camera, described: Described
+) -> np.ndarray:
+    """The depths along the axis, > 0 and perhaps infinite, of those of any kind."""
+    kind, background = described.depth_kind, described.background
+    if kind is None:
+        raise ValueError(
+            f"depth_kind=None: must be one of {', '.join(DEPTH_KINDS)}; nothing in the numbers "
+            f"says it, but {verdict(bending(depth, camera))}"
+        )
+    require_choice("depth_kind", kind, DEPTH_KINDS)
+    if background is not None:
+        require_number("background", background)
+        if background <= 0:
+            raise ValueError(f"background={background}: must be > 0 scene units")
+    near, far, clip, reverse = described[1:5]
+    _require_planes_of(kind, near, far, clip, reverse)
+    if kind == "ndc":
+        assert near is not None
+        _require_each_pixel("depth", depth, np.isfinite(depth), "finite")
+        z = depth_from_ndc(depth, near, far, clip=clip, reverse=reverse)
+    elif kind == "inverse":
+        valid = (depth >= 0) & np.isfinite(depth)
+        _require_each_pixel("depth", depth, valid, ">= 0 and finite")
+        z = depth_from_vergence(depth)
+    else:
+        allowed = "> 0, or inf where nothing was hit"
+        _require_each_pixel("depth", depth, depth > 0, allowed)
+        _require_each_pixel("depth", depth, depth >= NEAREST, f">= {NEAREST:g}")
+        z = depth if kind == "z" else depth_from_ray_length(depth, x, y, camera)
+    z = np.where(z >= (math.inf if background is None else background), np.inf, z)
+    if not (z < np.inf).any():
+        raise ValueError("depth: nothing is nearer than infinitely far")
+    return z
 
 
 def _camera(camera: Camera | float, size: tuple[int, ...]) -> Camera:
@@ -122,12 +253,12 @@ def _require_planes_of(
         )
 
 
-def _require_each_pixel(depth: np.ndarray, valid: np.ndarray, allowed: str) -> None:
-    """Raise for a depth that is not valid everywhere, and tell where."""
+def _require_each_pixel(name: str, values: np.ndarray, valid: np.ndarray, allowed: str) -> None:
+    """Raise for a picture that is not valid everywhere, and tell where."""
     if valid.all():
         return
     row, column = np.argwhere(~valid)[0]
     raise ValueError(
-        f"depth: {np.count_nonzero(~valid)} of {depth.size} pixels are out of bounds, the first at "
-        f"row {row}, column {column}: {depth[row, column]}; must be {allowed}"
+        f"{name}: {np.count_nonzero(~valid)} of {valid.size} pixels are out of bounds, the first "
+        f"at row {row}, column {column}: {values[row, column]}; must be {allowed}"
     )

@@ -13,7 +13,7 @@ import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .header import Header
-from .images import DepthKind, columns_of_image
+from .image_layers import Hidden
+from .images import DepthKind, Described, image_of_arrays, image_of_file
 from .merging import merged
 from .raster import FARTHEST, Window
 
@@ -162,52 +163,67 @@ class PointSamples(Columns):
     @classmethod
     def from_image(
         cls,
-        rgb: np.ndarray,
-        depth: np.ndarray,
+        rgb: np.ndarray | str | os.PathLike[str],
+        depth: np.ndarray | str | os.PathLike[str] | None = None,
         *,
-        camera: Camera | float,
-        depth_kind: DepthKind,
-        lens: ThinLens,
+        camera: Camera | float | None = None,
+        lens: ThinLens | Mapping[str, Any] | None = None,
+        depth_kind: DepthKind | None = None,
         near: float | None = None,
         far: float = math.inf,
         clip: Clip = "opengl",
         reverse: bool = False,
         background: float | None = None,
+        depth_scale: float | None = None,
         surface: np.ndarray | None = None,
         surfaces: Mapping[int, str] | None = None,
+        antialiased: bool = True,
+        hidden: Hidden = "farther",
+        layer: str | None = None,
+        depth_channel: str | None = None,
     ) -> PointSamples:
-        """Samples of a picture and its depth, one in the middle of each pixel.
+        """Samples of a picture of any program and its depth: in arrays, or in files.
 
         ============================  ==========================================================
         Parameter                     Meaning
         ============================  ==========================================================
         ``rgb``                       float (H, W, 3), linear sRGB; or (H, W, 4), with alpha that
-                                      the colours are not multiplied by
-        ``depth``                     float (H, W)
+                                      they are multiplied by; or a file: EXR, PNG, JPEG, TIFF
+        ``depth``                     (H, W), times ``depth_scale``; or a file, ``.npy``, too; by
+                                      default that in the file of ``rgb``
         ``camera``                    whose crop window the picture shows; or its horizontal field
-                                      of view in degrees
+                                      of view in degrees; by default what the file says
+        ``lens``                      with a file some of its parameters are enough, in a mapping,
+                                      where the file says the others
         ``depth_kind``                what ``depth`` is: ``z``, along the axis; ``distance``, along
-                                      the ray, as Mitsuba's ``depth``; both > 0 scene units;
-                                      ``inverse``, 1/z, >= 0; ``ndc``, the depth of a buffer
+                                      the ray, both > 0 scene units; ``inverse``, 1/z, >= 0;
+                                      ``ndc``, the depth of a buffer; by default that of the
+                                      program that wrote a file, if that is known
         ``near``, ``far``             planes of an NDC depth in scene units, with ``clip`` and
         ``clip``, ``reverse``         ``reverse`` as in
                                       :func:`potmesil_mi.optics.depth.depth_from_ndc`
         ``background``                z from which on nothing was hit, as in Blender 1e10
-        ``surface``, ``surfaces``     uint32 (H, W), ids of surfaces and their names; by default 1
-                                      where something was hit
+        ``surface``, ``surfaces``     uint32 (H, W), ids and names; by default the file's, or 1
+        ``antialiased``               whether pixels on silhouettes show both sides: they become
+                                      two samples, so that neither is blurred as the other
+        ``hidden``                    behind near edges ``farther`` things go on, or ``none``
+        ``layer``, ``depth_channel``  names in the file, where it has several
         ============================  ==========================================================
 
-        Nothing in the numbers tells which kind a depth is: the program that wrote it must be asked.
-        Raises ``ValueError`` for arrays of other sizes, a depth that is NaN or out of bounds (an
-        NDC depth may be before the near plane), planes that are missing or that no other kind has,
-        and ids that are not 0 to 2^32 - 1; ``TypeError`` for ids that are no whole numbers.
+        The samples serve this lens and any that is not wider. Raises ``ValueError`` for arrays of
+        other sizes, a depth that is NaN or out of bounds (an NDC depth may be before the near
+        plane), planes that are missing or that no other kind has, ids that are not 0 to 2^32 - 1,
+        files that cannot be read or do not say all that must be known; ``TypeError`` for ids that
+        are no whole numbers, ``OSError`` where there is no file.
         """
-        camera, columns = columns_of_image(
-            rgb, depth, camera, depth_kind, near, far, clip, reverse, background, surface
-        )
-        if surfaces is None:
-            surfaces = {1: "surface"} if surface is None else {}
-        return cls(**columns, camera=camera, lens=lens, surfaces=surfaces)
+        said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
+        described = Described(*said)
+        if isinstance(rgb, (str, os.PathLike)):
+            paths = rgb, cast("str | None", depth)
+            image = image_of_file(*paths, camera, lens, described, layer, depth_channel)
+        else:
+            image = image_of_arrays(rgb, depth, camera, lens, described, surface, surfaces)
+        return cls(**image.columns, camera=image.camera, lens=image.lens, surfaces=image.surfaces)
 
     @property
     def crop_window(self) -> Window:

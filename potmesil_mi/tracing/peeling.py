@@ -18,12 +18,12 @@ from .._backend import from_numpy
 from .._progress import track
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
+from ..optics.disocclusion import disoccluded, uncovered
 from ..optics.lens import ThinLens
 from ..samples.columns import Columns
 from ..samples.raster import Window
 from .buffers import SampleBuffer, Shown, Traced
 from .clearance import clearance
-from .disocclusion import disoccluded, uncovered
 from .lens_rays import LENS_POINTS, LensRays, Target
 from .passes import wavefronts
 from .rays import PrimaryRays

@@ -261,7 +261,7 @@ def test_dof_prints_any_lens_in_scene_units(capsys):
         (["render", FIGURE, "-D", "colour=red", "-o", "{}/a.png"], "colour"),
         (["focus", "nothing.exr", "-o", "{}/a.png"], "nothing.exr"),
         (["focus", "nothing.samples", "-o", "{}/a.png"], r"nothing\.samples: there is no such"),
-        (["focus", FIGURE, "-o", "{}/a.png"], "is not an EXR"),
+        (["focus", FIGURE, "-o", "{}/a.png"], "is not a picture that can be read"),
         (["dof", "--f-number", "-1"], "f_number=-1"),
         (["render", FIGURE, *SMALL, "-m", "llvm_rgb", "-o", "{}/a.png"], "llvm_rgb"),
     ],

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from potmesil_mi.tracing.disocclusion import GROWTH, disoccluded
+from potmesil_mi.optics.disocclusion import GROWTH, disoccluded
 
 # ---------------------------------------------------------------- silhouettes
 

@@ -1,0 +1,131 @@
+"""Which channels of a file are colours, depth and ids, by the names that programs give them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .reading import Part, PictureFile
+
+DEPTH = re.compile(r"(^|[.:])(z|depth(\.[zyvrt])?|[^.:]+\.t|distance(\.\w)?)$", re.IGNORECASE)
+"""Names of channels of depth; the first that are Z of something else are left out."""
+
+NOT_DEPTH = re.compile(
+    r"(position|normal|vector|velocity|motion\w*|pworld|albedo|uv|p|n)\.(z|t)$", re.IGNORECASE
+)
+"""Names of channels that are the third of something else."""
+
+MAIN_LAYERS = ("", "rgba", "rgb", "combined", "beauty", "c", "color", "colour", "image")
+"""Last names of layers that show the picture, from the first that is looked for."""
+
+LONG_NAMES = {"red": "r", "green": "g", "blue": "b", "alpha": "a"}
+"""Other names of channels of colours."""
+
+IDS = ("id", "surface")
+"""Names of channels of ids, whole numbers."""
+
+CRYPTOMATTE = re.compile(r"^(?P<name>.*crypto\w*?)00\.(?P<channel>r|red)$", re.IGNORECASE)
+"""The channel of the ids that take most of each pixel."""
+
+
+class Channel(NamedTuple):
+    """A channel of a part of a file."""
+
+    part: Part
+    name: str
+
+    @property
+    def full_name(self) -> str:
+        """With the name of its part, unless that is in it or is the only one."""
+        part = self.part.name
+        if not part or self.name.lower().startswith(part.lower()):
+            return self.name
+        return f"{part}.{self.name}"
+
+
+def every_channel(file: PictureFile) -> list[Channel]:
+    """Those of all parts that are not deep."""
+    return [Channel(part, name) for part in file.parts if not part.deep for name in part.channels]
+
+
+def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
+    """The three channels, or four with alpha, that show the picture, or one that is grey.
+
+    ``layer`` is the name before that of the channels. Raises ``ValueError`` that names the layers
+    there are.
+    """
+    layers: dict[str, dict[str, Channel]] = {}
+    for channel in every_channel(file):
+        name, _, last = channel.full_name.rpartition(".")
+        last = LONG_NAMES.get(last.lower(), last.lower())
+        layers.setdefault(name, {}).setdefault(last, channel)
+    coloured = {name: of for name, of in layers.items() if {"r", "g", "b"} <= of.keys()}
+    grey = {name: of for name, of in layers.items() if "y" in of}
+    if layer is not None:
+        chosen = [name for name in (*coloured, *grey) if name.lower() == layer.lower()]
+    else:
+        ranked = [*coloured] or [name for name in grey if not DEPTH.search(f"{name}.y")]
+        chosen = sorted(
+            ranked, key=lambda name: _rank(name.rpartition(".")[2].lower(), len(ranked))
+        )
+    if not chosen:
+        there = ", ".join(repr(name) for name in (*coloured, *grey)) or "none"
+        asked = "no layer of colours" if layer is None else f"layer={layer!r}: there is none"
+        raise ValueError(f"{file.path}: {asked}; layers with R, G and B: {there}")
+    of = coloured.get(chosen[0]) or grey[chosen[0]]
+    names = [name for name in "rgba" if name in of] if "r" in of else ["y"]
+    own = [of[name] for name in names]
+    if any(channel.part.number != own[0].part.number for channel in own):
+        raise ValueError(f"{file.path}: the channels of {chosen[0]!r} are in several parts")
+    return own
+
+
+def _rank(name: str, otherwise: int) -> int:
+    return MAIN_LAYERS.index(name) if name in MAIN_LAYERS else len(MAIN_LAYERS) + otherwise
+
+
+def depth_of(file: PictureFile, wanted: str | None, need: bool) -> Channel | None:
+    """The channel of depth: that of a name, or the only one whose name says so.
+
+    A file of one channel has that; without ``need`` there may be none. Raises ``ValueError`` that
+    names those there are.
+    """
+    every = every_channel(file)
+    if wanted is not None:
+        found = [of for of in every if wanted in (of.name, of.full_name)]
+        if not found:
+            names = ", ".join(of.full_name for of in every)
+            raise ValueError(f"{file.path}: depth_channel={wanted!r}: must be one of {names}")
+        return found[0]
+    found = [of for of in every if DEPTH.search(of.name) and not NOT_DEPTH.search(of.name)]
+    if not found and len(every) == 1:
+        return every[0]
+    exact = [of for of in found if of.name in ("Z", "depth.Z", "Depth.Z")]
+    if len(exact) == 1:
+        found = exact
+    if len(found) > 1 or (need and not found):
+        names = ", ".join(of.full_name for of in (found or every))
+        what = "several channels may be the depth" if found else "no channel is named as a depth"
+        raise ValueError(f"{file.path}: {what}; say depth_channel, one of {names}")
+    return found[0] if found else None
+
+
+def ids_of(file: PictureFile) -> Channel | None:
+    """The channel of ids: the first Cryptomatte, or whole numbers named ``id``."""
+    every = every_channel(file)
+    for channel in every:
+        if CRYPTOMATTE.match(channel.name):
+            return channel
+    for channel in every:
+        whole = channel.part.kinds[channel.part.channels.index(channel.name)].startswith("uint")
+        if whole and channel.name.rpartition(".")[2].lower() in IDS:
+            return channel
+    return None
+
+
+def require_one_window(channels: Sequence[Channel | None], path: object) -> None:
+    """Raise ``ValueError`` unless all show the same pixels."""
+    boxes = {channel.part.box for channel in channels if channel is not None}
+    if len(boxes) > 1:
+        raise ValueError(f"{path}: colours and depth have data windows {sorted(boxes)}")

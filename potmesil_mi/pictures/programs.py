@@ -1,0 +1,176 @@
+"""What the headers of programs' pictures say of the camera and the lens, and which depth they keep.
+
+============  =================================================  ===============================
+Program       Camera and lens                                    Depth
+============  =================================================  ===============================
+Blender       ``Lens`` (mm), with stamps; a unit is a metre      ``Depth.Z`` along the axis, 1e10
+                                                                 where nothing is
+Mitsuba       none                                               ``.T`` along the ray, 0 where
+                                                                 nothing is, filtered as colours
+V-Ray         ``cameraAperture`` and ``cameraFocalLength``       ``Z`` along the axis
+              (mm), ``cameraFov`` (degrees), ``cameraFNumber``,
+              ``cameraTargetDistance``
+Redshift      ``rs/camera/fov``, ``FStop``,                      not known
+              ``DOFFocusDistance``
+RenderMan,    ``worldToCamera`` and ``worldToNDC``               not known
+Houdini,
+Arnold
+potmesil_mi   the attributes of OpenEXR, ``potmesil:lens``       ``Z`` along the axis
+any           those of OpenEXR: ``focus`` (m), ``aperture``,     not known
+              ``nominalFocalLength``, ``pinholeFocalLength``
+              (mm), ``sensorOverallDimensions`` (mm),
+              ``screenWindowWidth`` = 2 tan(fov/2); EXIF's
+              ``FNumber``, ``FocalLength``
+============  =================================================  ===============================
+
+Whether a depth is along the axis or the ray is in no header: it is known by the program alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+METER = 1000.0
+"""Millimetres of a scene unit where that is a metre."""
+
+FULL_FRAME = 36.0
+"""Width in millimetres of the film that EXIF's 35 mm focal length is for."""
+
+
+class KnownDepth(NamedTuple):
+    """What is known of the depth that a program writes.
+
+    ``background`` is the z from which on nothing was hit; with ``zero_is_none`` it is where the
+    depth is 0, and with ``filtered`` the depth of a pixel is a mean.
+    """
+
+    program: str
+    kind: str
+    background: float | None = None
+    zero_is_none: bool = False
+    filtered: bool = False
+
+
+BLENDER = KnownDepth("Blender", "z", background=1e10)
+MITSUBA = KnownDepth("Mitsuba", "distance", zero_is_none=True, filtered=True)
+VRAY = KnownDepth("V-Ray", "z")
+OWN = KnownDepth("potmesil_mi", "z")
+
+
+@dataclasses.dataclass(frozen=True)
+class Optics:
+    """What is known of a camera and its lens; ``None`` for the rest.
+
+    ``x_fov`` is in degrees, ``focal_length`` and ``frame_width`` in millimetres, ``focus_distance``
+    in scene units or, ``focus_meters``, in metres.
+    """
+
+    x_fov: float | None = None
+    focal_length: float | None = None
+    frame_width: float | None = None
+    f_number: float | None = None
+    focus_distance: float | None = None
+    focus_meters: float | None = None
+    millimeters_per_unit: float | None = None
+
+    def __or__(self, other: Optics) -> Optics:
+        """These, and for what they do not say the other's."""
+        mine = {name: of for name, of in vars(self).items() if of is not None}
+        return dataclasses.replace(other, **mine)
+
+
+def depth_known(
+    attributes: Mapping[str, Any], channel: str, others: Iterable[str]
+) -> KnownDepth | None:
+    """What is known of a channel of depth by the program that wrote it, if that is known."""
+    if "potmesil:lens" in attributes:
+        return OWN
+    head, _, last = channel.rpartition(".")
+    layer = head.rpartition(".")[0]
+    written = str(attributes.get("generatedBy", "")) + str(attributes.get("Software", ""))
+    if "mitsuba" in written.lower() and last == "T":
+        return MITSUBA
+    combined = f"{layer}.Combined.R".lstrip(".")
+    if channel.endswith("Depth.Z") and any(other == combined for other in others):
+        return BLENDER
+    if "blender" in written.lower() and channel == "Z":
+        return BLENDER
+    if "cameraFNumber" in attributes and "cameraFov" in attributes and channel.endswith("Z"):
+        return VRAY
+    return None
+
+
+def optics_of(attributes: Mapping[str, Any], known: KnownDepth | None) -> Optics:
+    """What the attributes say; numbers that make no sense are as if they were not there."""
+    number = _Numbers(attributes)
+    found = Optics(
+        x_fov=number.between("cameraFov", 0, 180) or number.between("rs/camera/fov", 0, 180),
+        focal_length=number.positive("cameraFocalLength") or number.positive("CameraFocalLength"),
+        frame_width=number.positive("cameraAperture"),
+        f_number=number.positive("cameraFNumber") or number.positive("rs/camera/FStop"),
+        focus_distance=number.positive("cameraTargetDistance")
+        or number.positive("rs/camera/DOFFocusDistance"),
+    )
+    if known is BLENDER:
+        found |= Optics(focal_length=number.positive("Lens"), millimeters_per_unit=METER)
+    window = number.positive("screenWindowWidth")
+    standard = Optics(
+        x_fov=_fov_of_matrices(attributes) or _fov(window if window != 1 else None),
+        focal_length=number.positive("pinholeFocalLength")
+        or number.positive("nominalFocalLength")
+        or number.positive("FocalLength")
+        or number.positive("Exif:FocalLength"),
+        frame_width=number.positive("sensorOverallDimensions"),
+        f_number=number.positive("FNumber") or number.positive("aperture"),
+        focus_meters=number.positive("focus"),
+        millimeters_per_unit=number.positive("potmesil:millimeters_per_unit"),
+    )
+    full_frame = number.positive("Exif:FocalLengthIn35mmFilm")
+    if full_frame and standard.focal_length and not standard.frame_width:
+        width = FULL_FRAME * standard.focal_length / full_frame
+        standard = dataclasses.replace(standard, frame_width=width)
+    return found | standard
+
+
+class _Numbers:
+    """Attributes as numbers > 0; the first of several."""
+
+    def __init__(self, attributes: Mapping[str, Any]) -> None:
+        self.attributes = attributes
+
+    def positive(self, name: str) -> float | None:
+        return self.between(name, 0, math.inf)
+
+    def between(self, name: str, least: float, most: float) -> float | None:
+        value = self.attributes.get(name)
+        if isinstance(value, (tuple, list)) and value:
+            value = value[0]
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            return None
+        return number if least < number < most else None
+
+
+def _fov(window: float | None) -> float | None:
+    """The field of view, in degrees, of a window of that width at distance 1."""
+    return None if window is None else 2 * math.degrees(math.atan(window / 2))
+
+
+def _fov_of_matrices(attributes: Mapping[str, Any]) -> float | None:
+    """That of what is left of ``worldToNDC`` without ``worldToCamera``; both act on rows."""
+    matrices = [attributes.get(name) for name in ("worldToCamera", "worldToNDC")]
+    try:
+        view, ndc = (np.array(of, dtype=np.float64).reshape(4, 4) for of in matrices)
+        projection = np.linalg.inv(view) @ ndc
+    except (TypeError, ValueError, np.linalg.LinAlgError):
+        return None
+    w = projection[2, 3]
+    if not np.isfinite(projection).all() or abs(w) < 1e-9 or abs(projection[0, 0]) < 1e-9:
+        return None
+    return 2 * math.degrees(math.atan(abs(w / projection[0, 0])))

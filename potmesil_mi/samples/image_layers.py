@@ -1,0 +1,99 @@
+"""What a picture lacks to be samples: parts of pixels, and what near edges hide.
+
+A pixel of a picture has one colour and one depth. Where a silhouette is in it, it becomes two
+samples (``silhouettes.py``); behind near edges what is farther goes on (``uncovered.py``).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+Hidden = Literal["farther", "none"]
+"""What is behind near edges: what is farther beside them goes on, or there is nothing."""
+
+BRIGHTEST = float(np.finfo(np.float32).max)
+"""The most radiance that a sample can have."""
+
+HIDDEN: tuple[Hidden, ...] = get_args(Hidden)
+
+
+def with_layers(
+    columns: dict[str, np.ndarray],
+    z: np.ndarray,
+    radius_per_vergence: float,
+    antialiased: bool,
+    hidden: Hidden,
+) -> dict[str, Any]:
+    """The columns of one sample a pixel, row by row, with those of its parts and of what is hidden.
+
+    ``z``, (H, W), are their depths; a lens of that ``radius_per_vergence``, in pixels, is to see
+    them. Of both parts of a pixel together, and of the picture of the pinhole, everything stays as
+    it is.
+    """
+    # These need SciPy, which takes a while to import, and few samples are of pictures.
+    from .silhouettes import parts_of
+    from .uncovered import uncovered_by
+
+    if radius_per_vergence <= 0:
+        return columns
+    count = z.size
+    light = np.column_stack([columns["rgb"], columns["alpha"]]).astype(np.float64)
+    weight, of_farther = np.ones(count), light.copy()
+    added = []
+    if antialiased:
+        shape = *z.shape, light.shape[1]
+        parts = parts_of(np.maximum(light, 0).reshape(shape), radius_per_vergence / z)
+        at, share = parts.pixel, parts.share
+        nearer = z.ravel()[parts.source] < z.ravel()[at]
+        # What is negative stays with the surface whose depth the pixel has.
+        own = parts.own + np.minimum(light[at], 0) / (1 - share)[:, None]
+        light[at], weight[at] = own, 1 - share
+        of_farther[at] = np.where(nearer[:, None], own, parts.other)
+        added.append(_Added(at, parts.source, parts.other, share, 0))
+        if hidden == "farther":
+            # Behind the part of the nearer one the farther goes on.
+            behind = at[nearer], at[nearer], own[nearer], share[nearer]
+            added.append(_Added(*behind, 1))
+            weight_behind = np.ones(count)
+            weight_behind[at[~nearer]] = 1 - share[~nearer]
+    if hidden == "farther":
+        found = uncovered_by(z, radius_per_vergence)
+        share = weight_behind[found.pixel] if antialiased else np.ones(len(found.pixel))
+        colour = of_farther[found.colour_of]
+        added.append(_Added(found.pixel, found.depth_of, colour, share, 1))
+    return _joined(columns, light, weight, added)
+
+
+class _Added:
+    """Samples in the pixels ``at``, with the depth and the surface of other pixels.
+
+    ``light`` is RGB and alpha, (n, 4), ``weight`` (n,), ``layer`` that of all.
+    """
+
+    def __init__(
+        self, at: np.ndarray, source: np.ndarray, light: np.ndarray, weight: np.ndarray, layer: int
+    ) -> None:
+        self.at, self.source, self.light, self.weight = at, source, light, weight
+        self.layer = np.full(len(at), layer, np.uint8)
+
+
+def _joined(
+    columns: dict[str, np.ndarray], light: np.ndarray, weight: np.ndarray, added: list[_Added]
+) -> dict[str, Any]:
+    """The columns with what is ``added``, and with the ``light`` and ``weight`` of their own."""
+    at = np.concatenate([np.arange(len(weight)), *(of.at for of in added)])
+    source = np.concatenate([np.arange(len(weight)), *(of.source for of in added)])
+    light = np.concatenate([light, *(of.light for of in added)])
+    light = np.clip(light, -BRIGHTEST, BRIGHTEST)
+    return {
+        "x": columns["x"][at],
+        "y": columns["y"][at],
+        "rgb": light[:, :3],
+        "alpha": light[:, 3],
+        "z": columns["z"][source],
+        "surface": columns["surface"][source],
+        "weight": np.concatenate([weight, *(of.weight for of in added)]),
+        "layer": np.concatenate([np.zeros(len(weight), np.uint8), *(of.layer for of in added)]),
+    }
