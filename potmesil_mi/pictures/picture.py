@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -20,14 +19,50 @@ from .channels import (
     ids_of,
     require_one_window,
 )
-from .programs import OWN, KnownDepth, Optics, depth_known, optics_of
-from .reading import PictureFile
+from .programs import KnownDepth, Optics, depth_known, optics_of
+from .reading import Part, PictureFile
 
 NUMPY = ".npy"
 """How files of NumPy end, in which a depth may be."""
 
 MOST_NAMES = 1 << 20
 """Characters of a manifest of names, at most."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """Where a picture is, and what is known of what took it.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``size``                      (width, height) in pixels
+    ``crop_offset``, ``film_size``  where in the whole picture it is, and how large that is
+    ``optics``                    what the file says of the camera and its lens
+    ``known``                     what the program that wrote it makes of depth; ``None`` where
+                                  that is not known
+    ============================  ==========================================================
+    """
+
+    size: tuple[int, int]
+    crop_offset: tuple[int, int]
+    film_size: tuple[int, int]
+    optics: Optics
+    known: KnownDepth | None
+
+    @classmethod
+    def of(
+        cls, part: Part, attributes: Mapping[str, Any], known: KnownDepth | None, path: object
+    ) -> Frame:
+        """That of a part of the file ``path``, which must not go beyond its display window."""
+        (left, top, width, height), film = part.box, part.film
+        offset = left - film[0], top - film[1]
+        if min(offset) < 0 or offset[0] + width > film[2] or offset[1] + height > film[3]:
+            raise ValueError(
+                f"{path}: its data window {part.box} must lie in its display window {film}"
+            )
+        optics = optics_of(attributes, known)
+        return cls((width, height), offset, (film[2], film[3]), optics, known)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,42 +74,32 @@ class Picture:
     ============================  ==========================================================
     ``rgb``                       float32 (H, W, 3 or 4), linear, multiplied by alpha
     ``depth``                     (H, W), as it is in the file: floats, or whole numbers
-    ``known``                     what the program that wrote it makes of depth; ``None`` where
-                                  that is not known
-    ``optics``                    what the file says of the camera and its lens
-    ``crop_offset``, ``film_size``  where in the whole picture it is, and how large that is
+    ``frame``                     where it is, and what took it
     ``surface``, ``surfaces``     ids, uint32 (H, W), and their names
     ============================  ==========================================================
     """
 
     rgb: np.ndarray
     depth: np.ndarray
-    known: KnownDepth | None
-    optics: Optics
-    crop_offset: tuple[int, int]
-    film_size: tuple[int, int]
+    frame: Frame
     surface: np.ndarray | None
     surfaces: Mapping[int, str]
 
 
 def read_picture(
-    path: str | os.PathLike[str],
+    file: PictureFile,
     depth: str | os.PathLike[str] | None = None,
     *,
     layer: str | None = None,
     depth_channel: str | None = None,
 ) -> Picture:
-    """Read a picture, and its depth from the same file or from another.
+    """Read the picture in a file, and its depth from the same or from another.
 
     ``layer`` is the name of that of the colours, ``depth_channel`` of the channel of depth. Raises
     what :class:`PictureFile` raises, and ``ValueError`` that names the channels there are where
     none, or several, may be meant.
     """
-    file = PictureFile(path)
-    if all(part.deep for part in file.parts):
-        raise ValueError(f"{file.path}: is a deep picture, which has no flat channels")
     colours = colours_of(file, layer)
-    box, film = colours[0].part.box, colours[0].part.film
     rgb = _linear(file, colours)
     attributes = dict(colours[0].part.attributes)
     known, surface = None, None
@@ -94,19 +119,11 @@ def read_picture(
         values = read_depth(depth, depth_channel)
     if values.shape != rgb.shape[:2]:
         raise ValueError(
-            f"{depth or path}: its depth has {values.shape[1]}x{values.shape[0]} pixels, must have "
-            f"{rgb.shape[1]}x{rgb.shape[0]}, as the colours"
+            f"{depth or file.path}: its depth has {values.shape[1]}x{values.shape[0]} pixels, must "
+            f"have {rgb.shape[1]}x{rgb.shape[0]}, as the colours"
         )
-    offset = box[0] - film[0], box[1] - film[1]
-    # What goes beyond the film is a picture of its own, with the same middle.
-    inside = offset[0] >= 0 and offset[1] >= 0
-    inside = inside and offset[0] + box[2] <= film[2] and offset[1] + box[3] <= film[3]
-    if not inside:
-        raise ValueError(
-            f"{file.path}: its data window {box} must lie in its display window {film}"
-        )
-    optics = optics_of(attributes, known)
-    return Picture(rgb, values, known, optics, offset, (film[2], film[3]), surface, surfaces)
+    frame = Frame.of(colours[0].part, attributes, known, file.path)
+    return Picture(rgb, values, frame, surface, surfaces)
 
 
 def read_depth(path: str | os.PathLike[str], channel: str | None = None) -> np.ndarray:
@@ -184,14 +201,3 @@ def _manifest(text: Any) -> dict[int, str]:
         return {int(str(id_), 16): str(name) for name, id_ in values.items()}
     except (ValueError, RecursionError, AttributeError):
         return {}
-
-
-def z_is_own(picture: Picture) -> bool:
-    """Whether the picture is one of this package."""
-    return picture.known is OWN
-
-
-def infinite(depth: np.ndarray, zero_is_none: bool) -> np.ndarray:
-    """Depths as float64, where 0, if that means that nothing is there, is infinite."""
-    values = np.asarray(depth, np.float64)
-    return np.where(values == 0, math.inf, values) if zero_is_none else values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
@@ -25,6 +25,9 @@ from ..optics.depth import (
 from ..optics.lens import ThinLens
 from ..optics.planarity import bending, verdict
 from ..pictures.picture import read_picture
+from ..pictures.programs import KnownDepth
+from ..pictures.reading import PictureFile
+from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
 from .picture_optics import camera_and_lens
 
@@ -77,18 +80,14 @@ def image_of_file(
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`; errors name
     the file.
     """
-    picture = read_picture(path, depth, layer=layer, depth_channel=depth_channel)
-    known = picture.known
-    camera, lens = camera_and_lens(picture, str(path), camera, lens)
+    file = PictureFile(path)
+    if depth is None and is_deep(file):
+        return _image_of_deep(read_deep(file), str(path), camera, lens, described)
+    picture = read_picture(file, depth, layer=layer, depth_channel=depth_channel)
+    known, name = picture.frame.known, str(depth or path)
+    camera, lens = camera_and_lens(picture.frame, str(path), camera, lens)
     values = picture.depth
-    if described.depth_kind is None:
-        if known is None:
-            whole = values if described.depth_scale is None else values * described.depth_scale
-            raise ValueError(
-                f"{depth or path}: no file says whether its depth is along the axis (z) or the ray "
-                f"(distance); {verdict(bending(whole, camera))}; give depth_kind, one of "
-                f"{', '.join(DEPTH_KINDS)}"
-            )
+    if described.depth_kind is None and known is not None:
         alpha = picture.rgb[..., 3] if picture.rgb.shape[2] == 4 else None
         if known.filtered:
             from .filtered_depth import unfiltered  # See with_layers.
@@ -96,15 +95,48 @@ def image_of_file(
             values = unfiltered(values, alpha)
         elif known.zero_is_none:
             values = np.where(values == 0, np.inf, values)
-        described = described._replace(depth_kind=cast(DepthKind, known.kind))
-        if described.background is None:
-            described = described._replace(background=known.background)
+    scale = described.depth_scale or 1
+    described = _as_known(described, known, name, lambda: bending(values * scale, camera))
     try:
         return image_of_arrays(
             picture.rgb, values, camera, lens, described, picture.surface, picture.surfaces
         )
     except ValueError as error:
-        raise ValueError(f"{depth or path}: {error}") from error
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _as_known(
+    described: Described, known: KnownDepth | None, name: str, bent: Callable[[], dict[str, float]]
+) -> Described:
+    """What is said of the depth in a file ``name``, and for the rest what is known of it.
+
+    ``bent`` tells how planes are bent. Raises ``ValueError`` where nothing says which kind it is.
+    """
+    if described.depth_kind is not None:
+        return described
+    if known is None:
+        raise ValueError(
+            f"{name}: no file says whether its depth is along the axis (z) or the ray (distance); "
+            f"{verdict(bent())}; give depth_kind, one of {', '.join(DEPTH_KINDS)}"
+        )
+    if described.background is None:
+        described = described._replace(background=known.background)
+    return described._replace(depth_kind=cast(DepthKind, known.kind))
+
+
+def _image_of_deep(
+    image: DeepImage,
+    name: str,
+    camera: Camera | float | None,
+    lens: ThinLens | Mapping[str, Any] | None,
+    described: Described,
+) -> SampledImage:
+    """A deep picture of another program, which knows of what is hidden by itself."""
+    camera, lens = camera_and_lens(image.frame, name, camera, lens)
+    described = _as_known(described, image.frame.known, name, lambda: {"z": math.nan})
+    z = _z(image.depth * (described.depth_scale or 1), image.x, image.y, camera, described)
+    radius = widest_radius_per_vergence(lens, camera, float(z.min()))
+    return SampledImage(camera, lens, {1: "surface"}, columns_of_deep(image, z, radius))
 
 
 def image_of_arrays(
@@ -257,8 +289,9 @@ def _require_each_pixel(name: str, values: np.ndarray, valid: np.ndarray, allowe
     """Raise for a picture that is not valid everywhere, and tell where."""
     if valid.all():
         return
-    row, column = np.argwhere(~valid)[0]
+    first = tuple(np.argwhere(~valid)[0].tolist())
+    where = f"row {first[0]}, column {first[1]}" if len(first) == 2 else f"sample {first[0]}"
     raise ValueError(
         f"{name}: {np.count_nonzero(~valid)} of {valid.size} pixels are out of bounds, the first "
-        f"at row {row}, column {column}: {values[row, column]}; must be {allowed}"
+        f"at {where}: {values[first]}; must be {allowed}"
     )

@@ -12,34 +12,34 @@ from ..optics.camera import Camera, horizontal_fov
 from ..optics.camera.pinhole import FovAxis
 from ..optics.depth import camera_of
 from ..optics.lens import ThinLens
-from ..pictures.picture import Picture
+from ..pictures.picture import Frame
 from ..pictures.programs import BLENDER
 
 OPENINGS = ("f_number", "aperture_radius")
 
 
 def camera_and_lens(
-    picture: Picture,
+    frame: Frame,
     name: str,
     camera: Camera | float | None,
     lens: ThinLens | Mapping[str, Any] | None,
 ) -> tuple[Camera, ThinLens]:
-    """The camera and the lens of a picture in the file ``name``.
+    """The camera and the lens of the picture of a ``frame`` in the file ``name``.
 
     ``camera``, or its field of view in degrees, and ``lens``, or some of its parameters, are what
     is given; it goes before what the file says. Raises ``ValueError`` that names all that nothing
     says.
     """
     given = {} if lens is None or isinstance(lens, ThinLens) else dict(lens)
-    optics, missing = picture.optics, []
+    optics, missing = frame.optics, []
     focal_length = given.pop("focal_length", None) or optics.focal_length
     frame_width = given.pop("frame_width", None) or optics.frame_width
-    fov = _fov(picture, camera, optics.x_fov, focal_length, frame_width)
+    fov = _fov(frame, camera, optics.x_fov, focal_length, frame_width)
     if fov is None:
         missing.append("fov, or both focal_length and frame_width")
     if isinstance(lens, ThinLens):
         _require(missing, name)
-        return _camera(picture, camera, fov), lens
+        return _camera(frame, camera, fov), lens
     if not any(opening in given for opening in OPENINGS):
         given["f_number"] = optics.f_number
         if optics.f_number is None:
@@ -63,7 +63,7 @@ def camera_and_lens(
         millimeters_per_unit=unit,
         **given,
     )
-    return _camera(picture, camera, fov), found
+    return _camera(frame, camera, fov), found
 
 
 def _require(missing: list[str], name: str) -> None:
@@ -74,7 +74,7 @@ def _require(missing: list[str], name: str) -> None:
 
 
 def _fov(
-    picture: Picture,
+    frame: Frame,
     camera: Camera | float | None,
     x_fov: float | None,
     focal_length: float | None,
@@ -88,17 +88,16 @@ def _fov(
         return float(camera)
     if focal_length and frame_width:
         fov = 2 * math.degrees(math.atan(frame_width / (2 * focal_length)))
-        width, height = picture.film_size
+        width, height = frame.film_size
         # Blender's sensor fits the longer side.
-        axis: FovAxis = "larger" if picture.known is BLENDER else "x"
+        axis: FovAxis = "larger" if frame.known is BLENDER else "x"
         return horizontal_fov(fov, axis, width / height)
     return x_fov
 
 
-def _camera(picture: Picture, camera: Camera | float | None, fov: float | None) -> Camera:
+def _camera(frame: Frame, camera: Camera | float | None, fov: float | None) -> Camera:
     if isinstance(camera, Camera):
         return camera
     assert fov is not None
-    height, width = picture.rgb.shape[:2]
-    whole = camera_of(fov, picture.film_size)
-    return dataclasses.replace(whole, crop_offset=picture.crop_offset, crop_size=(width, height))
+    whole = camera_of(fov, frame.film_size)
+    return dataclasses.replace(whole, crop_offset=frame.crop_offset, crop_size=frame.size)
