@@ -6,7 +6,7 @@ import contextlib
 import glob
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,9 @@ import numpy as np
 
 PICTURES = (".exr", ".png", ".jpg", ".jpeg")
 """Suffixes of the files that :func:`write_picture` writes."""
+
+OIIO_NAMES = {"aperture": "FNumber"}
+"""Attributes of OpenEXR that OpenImageIO calls otherwise."""
 
 JPEG_QUALITY = 90
 """Quality of JPEG files, 1 to 100."""
@@ -91,18 +94,77 @@ def read_srgb(path: str | os.PathLike[str]) -> np.ndarray:
     return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True))
 
 
-def write_picture(image: Any, path: str | os.PathLike[str]) -> None:
-    """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB."""
-    import mitsuba as mi
+def write_picture(
+    image: Any,
+    path: str | os.PathLike[str],
+    said: Mapping[str, Any] | None = None,
+    maps: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB.
 
+    What is ``said`` of it, numbers, pairs of them, matrices (4, 4) and text, becomes attributes of
+    an EXR, and text in a PNG. ``maps``, (H, W), become further channels of an EXR. Raises
+    ``ValueError`` for another suffix and ``OSError`` where it cannot be written; then nothing is
+    left behind.
+    """
     path = require_writable(path, PICTURES)
     values = np.ascontiguousarray(image, dtype=np.float32)
-    linear = path.suffix.lower() == ".exr"
-    # Clipped, for Mitsuba's conversion makes black of some thousands.
-    bitmap = mi.Bitmap(values if linear else np.clip(values, 0, 1))
-    if not linear:
-        keep_alpha = path.suffix.lower() == ".png" and bitmap.has_alpha()
-        pixel_format = mi.Bitmap.PixelFormat.RGBA if keep_alpha else mi.Bitmap.PixelFormat.RGB
-        bitmap = bitmap.convert(pixel_format, mi.Struct.Type.UInt8, srgb_gamma=True)
+    ending = path.suffix.lower()
+    if ending != ".exr":
+        values = _in_srgb(values if ending == ".png" else values[..., :3])
+        maps = None
+    spec = _spec_of(values, ending, said or {})
+    if maps:
+        spec.channelnames = (*spec.channelnames, *maps)
+        spec.nchannels += len(maps)
+        planes = [np.asarray(plane, np.float32)[..., None] for plane in maps.values()]
+        values = np.concatenate([values, *planes], axis=2)
     with written_whole(path) as temporary:
-        bitmap.write(str(temporary), quality=JPEG_QUALITY if "jp" in path.suffix.lower() else -1)
+        _write(values, spec, temporary)
+
+
+def _in_srgb(linear: np.ndarray) -> np.ndarray:
+    """8-bit sRGB of linear colours, which are clipped to [0, 1]; alpha stays linear."""
+    values = np.clip(np.nan_to_num(linear), 0, 1)
+    rgb = values[..., :3]
+    values[..., :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return (values * 255 + np.float32(0.5)).astype(np.uint8)
+
+
+def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
+    """What OpenImageIO is to know of a picture in a file of that ``ending``."""
+    import OpenImageIO as oiio
+
+    height, width, channels = values.shape
+    spec = oiio.ImageSpec(width, height, channels, "float" if ending == ".exr" else "uint8")
+    spec.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
+    if ending == ".exr":
+        spec.attribute("compression", "zip")
+        for name, value in said.items():
+            name = OIIO_NAMES.get(name, name)
+            if isinstance(value, np.ndarray):
+                spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
+            elif isinstance(value, tuple):
+                spec.attribute(name, oiio.TypeDesc("float[2]"), value)
+            else:
+                spec.attribute(name, value)
+    else:
+        spec.attribute("oiio:ColorSpace", "sRGB")
+        spec.attribute("CompressionQuality", JPEG_QUALITY)
+        for name, value in said.items() if ending == ".png" else ():
+            if isinstance(value, np.ndarray):
+                value = " ".join(f"{number:.9g}" for number in value.ravel())
+            spec.attribute(name, str(value))
+    return spec
+
+
+def _write(values: np.ndarray, spec: Any, path: Path) -> None:
+    import OpenImageIO as oiio
+
+    output = oiio.ImageOutput.create(str(path))
+    if output is None:
+        raise OSError(f"{path}: {oiio.geterror()}")
+    written = output.open(str(path), spec) and output.write_image(values)
+    closed = output.close()
+    if not (written and closed):
+        raise OSError(f"{path}: could not be written: {output.geterror()}")

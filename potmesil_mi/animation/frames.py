@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from .._image import PICTURES, remove_leftovers, require_suffix, require_writable, write_picture
 
@@ -92,8 +93,11 @@ class FrameFiles:
         every = (path for frame in frames for path in self.of(frame))
         return [path for path in every if path.stat().st_mtime < newest]
 
-    def write(self, frame: int, picture: object) -> None:
-        """Write a frame, and remove what a program that was killed has left of it."""
+    def write(self, frame: int, picture: object, said: Mapping[str, Any] | None = None) -> None:
+        """Write a frame with what is ``said`` of it, see :func:`write_picture`.
+
+        What a program that was killed has left of it is removed.
+        """
         for path in self.of(frame):
-            write_picture(picture, path)
+            write_picture(picture, path, said)
             remove_leftovers(path)

@@ -151,6 +151,7 @@ def _of_scene(
 ) -> None:
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
+    from ..samples.standard import standard_attributes
 
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
@@ -165,8 +166,9 @@ def _of_scene(
     pictures = animation.pictures(
         session, frames, filters=filters, rfilter=opened.film.rfilter(), alpha=opened.has_alpha
     )
+    camera = session.samples.camera
     for frame, picture in pictures:
-        files.write(frame, picture)
+        files.write(frame, picture, standard_attributes(camera, animation.lens_at(lens, frame)))
 
 
 def _opened(options: argparse.Namespace, animation: Animation) -> Opened:
@@ -187,6 +189,7 @@ def _of_moving_scene(
     from .._progress import reported
     from ..animation.animation import frame_progress
     from ..focusing.api import focus
+    from ..samples.standard import standard_attributes
     from ..tracing.exposing import require_motions
 
     if options.samples:
@@ -204,15 +207,16 @@ def _of_moving_scene(
         for done, frame in enumerate(frames):
             sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
             with frame_progress(report, frame, done, len(frames), within=False):
+                samples = opened.sampled(options, sampling, options.seed + frame, motions[done])
                 picture = focus(
-                    opened.sampled(options, sampling, options.seed + frame, motions[done]),
+                    samples,
                     lenses[done],
                     method=opened.method,
                     filters=animation.filters_at(frame) or opened.filters,
                     rfilter=opened.film.rfilter(),
                     alpha=opened.has_alpha,
                 )
-            files.write(frame, picture)
+            files.write(frame, picture, standard_attributes(samples.camera, lenses[done]))
 
 
 def _of_file(
@@ -221,6 +225,7 @@ def _of_file(
     """The frames of samples in a file."""
     from ..focusing.session import FocusSession
     from ..samples.point_samples import PointSamples
+    from ..samples.standard import standard_attributes
 
     of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
     of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
@@ -242,7 +247,8 @@ def _of_file(
         samples = samples.denoised()
     lens = samples.lens.replace(**given_lens(options))
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
-        files.write(frame, picture)
+        lens_of_frame = animation.lens_at(lens, frame)
+        files.write(frame, picture, standard_attributes(samples.camera, lens_of_frame))
 
 
 def _sampling_for(

@@ -13,6 +13,7 @@ from .options import (
     add_denoise,
     add_filter,
     add_lens,
+    add_maps,
     add_method,
     add_motion,
     add_output,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
     from rich.console import Console
 
+    from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
 
 # ---------------------------------------------------------------- render
@@ -56,6 +58,7 @@ An integrator `focus` in the scene says how; any other gives the radiance.
 def render_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil render``; returns the examples."""
     add_output(command)
+    add_maps(command)
     add_scene(command)
     add_samples(command)
     add_denoise(command, "what the scene's integrator says")
@@ -72,17 +75,18 @@ def render(options: argparse.Namespace) -> None:
     from ..filters.base import as_filters
     from ..focusing.api import focus
 
-    _check_outputs(options.output, options.samples)
+    _check_outputs(options.output, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
+    samples = opened.sampled(options, opened.sampling)
     picture = focus(
-        opened.sampled(options, opened.sampling),
+        samples,
         method=opened.method,
         filters=filters or opened.filters,
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
-    _write(picture, options.output)
+    _write(picture, samples, options.output, options.maps)
 
 
 # ---------------------------------------------------------------- focus
@@ -108,6 +112,7 @@ def focus_options(command: argparse.ArgumentParser) -> str:
         help="file of `render --samples`, or a picture with its depth",
     )  # fmt: skip
     add_output(command)
+    add_maps(command)
     add_denoise(command, "no")
     add_lens(command)
     add_method(command)
@@ -122,7 +127,7 @@ def refocus(options: argparse.Namespace) -> None:
 
     from ..filters.base import as_filters
 
-    _check_outputs(options.output)
+    _check_outputs(options.output, maps=options.maps)
     _require_apart(options.samples, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
@@ -139,7 +144,8 @@ def refocus(options: argparse.Namespace) -> None:
         samples = loading.result()
     if options.denoise:
         samples = samples.denoised()
-    _write(focus(samples, method=method, filters=filters), options.output)
+    picture = focus(samples, method=method, filters=filters)
+    _write(picture, samples, options.output, options.maps)
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
@@ -308,9 +314,14 @@ def dof(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- output
 
 
-def _check_outputs(pictures: Sequence[str], samples: str | None = None) -> None:
+def _check_outputs(
+    pictures: Sequence[str], samples: str | None = None, maps: Sequence[MapName] = ()
+) -> None:
     """Find out before a long rendering that its result cannot be written."""
     from .._image import PICTURES, require_writable
+
+    if maps and not any(path.lower().endswith(".exr") for path in pictures):
+        raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
     for path in pictures:
         require_writable(path, PICTURES)
@@ -326,11 +337,17 @@ def _require_apart(samples: str, pictures: Sequence[str]) -> None:
         raise ValueError(f"{samples}: the picture must not take the place of its samples")
 
 
-def _write(picture: mi.TensorXf, paths: Sequence[str]) -> None:
+def _write(
+    picture: mi.TensorXf, samples: PointSamples, paths: Sequence[str], maps: Sequence[MapName]
+) -> None:
+    """Write a picture with what is known of its camera and lens, and with maps beside it."""
     from .._image import write_picture
+    from ..samples.maps import maps_of
+    from ..samples.standard import standard_attributes
 
+    said = standard_attributes(samples.camera, samples.lens)
     for path in paths:
-        write_picture(picture, path)
+        write_picture(picture, path, said, maps_of(samples, tuple(maps)))
 
 
 def _console() -> Console:

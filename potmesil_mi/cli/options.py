@@ -163,6 +163,15 @@ def add_sampling(command: argparse.ArgumentParser) -> None:
     _add_parameters(group, _types_of(Sampling), SAMPLING_OPTIONS)
 
 
+def add_maps(command: argparse.ArgumentParser) -> None:
+    """Add the option for maps beside the picture."""
+    command.add_argument(
+        "--maps", nargs="+", choices=("depth", "coc", "id"), default=[],
+        help="further channels of an EXR: Z, depth along the axis; coc, diameter of the circle of "
+        "confusion in pixels, negative beyond the focus; id, of the surface",
+    )  # fmt: skip
+
+
 def add_picture(command: argparse.ArgumentParser) -> None:
     """Add an option for each parameter of ``PointSamples.from_image`` but the lens."""
     from ..samples.point_samples import PointSamples

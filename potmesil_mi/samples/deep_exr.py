@@ -46,11 +46,11 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from ..optics.lens import ThinLens
 from .columns import Columns
 from .exr_layout import require_bounded
 from .header import TEXTS, Header
 from .raster import Window
+from .standard import standard_attributes
 
 VERSION = 3
 """Of the files that are written; earlier ones are read as well."""
@@ -115,7 +115,6 @@ def read(path: Path) -> tuple[Header, Columns]:
 
 def _attributes(header: Header) -> dict[str, Any]:
     """The header as attributes of OpenEXR."""
-    lens = header.lens.plain()
     width, height = header.camera.film_size
     manifest = OpenEXR.IDManifest()
     group = manifest.add({"id"})
@@ -125,14 +124,10 @@ def _attributes(header: Header) -> dict[str, Any]:
     group.setLifetime(OpenEXR.LIFETIME_STABLE)
     for surface, name in header.surfaces.items():
         group.insert(surface, name)
-    # What OpenEXR has attributes for; a telecentric lens has none of it.
-    standard = {}
-    if isinstance(lens, ThinLens):
-        standard = {
-            "aperture": lens.f_number,
-            "focus": lens.focus_distance * lens.millimeters_per_unit / 1000,
-            "nominalFocalLength": lens.focal_length,
-        }
+    standard = {
+        name: np.asarray(value, np.float32) if isinstance(value, (tuple, np.ndarray)) else value
+        for name, value in standard_attributes(header.camera, header.lens).items()
+    }
     return {
         "type": OpenEXR.deepscanline,
         "compression": OpenEXR.ZIPS_COMPRESSION,

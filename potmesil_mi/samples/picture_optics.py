@@ -31,10 +31,13 @@ def camera_and_lens(
     says.
     """
     given = {} if lens is None or isinstance(lens, ThinLens) else dict(lens)
+    told = len(given)
     optics, missing = frame.optics, []
     focal_length = given.pop("focal_length", None) or optics.focal_length
     frame_width = given.pop("frame_width", None) or optics.frame_width
-    fov = _fov(frame, camera, optics.x_fov, focal_length, frame_width)
+    # What the file says of its field of view gives way to what is given of the lens alone.
+    x_fov = optics.x_fov if len(given) == told else None
+    fov = _fov(frame, camera, x_fov, focal_length, frame_width) or optics.x_fov
     if fov is None:
         missing.append("fov, or both focal_length and frame_width")
     if isinstance(lens, ThinLens):
@@ -86,13 +89,15 @@ def _fov(
     if camera is not None:
         require_number("camera", camera)
         return float(camera)
+    if x_fov is not None:
+        return x_fov
     if focal_length and frame_width:
         fov = 2 * math.degrees(math.atan(frame_width / (2 * focal_length)))
         width, height = frame.film_size
         # Blender's sensor fits the longer side.
         axis: FovAxis = "larger" if frame.known is BLENDER else "x"
         return horizontal_fov(fov, axis, width / height)
-    return x_fov
+    return None
 
 
 def _camera(frame: Frame, camera: Camera | float | None, fov: float | None) -> Camera:

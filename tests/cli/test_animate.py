@@ -96,10 +96,10 @@ def test_an_animation_that_was_interrupted_goes_on_and_ends_with_the_same_frames
     assert animate(tmp_path / "whole", kept, pull) == 0
     write = FrameFiles.write
 
-    def interrupted(files, frame, picture):
+    def interrupted(files, frame, picture, said):
         if frame == 2:
             raise KeyboardInterrupt
-        write(files, frame, picture)
+        write(files, frame, picture, said)
 
     monkeypatch.setattr(FrameFiles, "write", interrupted)
     assert animate(tmp_path / "parts", kept, pull) == 130

@@ -1,0 +1,45 @@
+"""What the OpenEXR standard has attributes for, of a camera and a lens.
+
+https://openexr.com/en/latest/StandardAttributes.html
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from ..optics.camera import Camera
+from ..optics.lens import ThinLens
+from ..optics.telecentric import TelecentricLens
+
+RIGHT_UP_FORWARD = np.diag([-1.0, 1.0, 1.0, 1.0])
+"""The standard's axes of a camera, from those of Mitsuba's, whose x goes to the left."""
+
+
+def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dict[str, Any]:
+    """The attributes of a picture: numbers, pairs, matrices (4, 4) and text.
+
+    ``aperture`` (f-number), ``focus`` (m), ``nominalFocalLength`` (mm), ``sensorOverallDimensions``
+    (mm), ``screenWindowWidth`` (of the plane at distance 1), and ``worldToCamera``, which acts on
+    rows; beside them ``potmesil:millimeters_per_unit`` and ``potmesil:lens``, the lens as JSON.
+    An orthographic camera and its lens have the last two and ``worldToCamera`` alone.
+    """
+    plain = lens.plain()
+    view = (RIGHT_UP_FORWARD @ np.asarray(camera.camera_from_world())).T
+    found: dict[str, Any] = {"worldToCamera": view, "potmesil:lens": json.dumps(plain.to_dict())}
+    if not isinstance(plain, ThinLens):
+        return found
+    width, height = camera.film_size
+    found |= {
+        "focus": plain.focus_distance * plain.millimeters_per_unit / 1000,
+        "nominalFocalLength": plain.focal_length,
+        "sensorOverallDimensions": (plain.frame_width, plain.frame_width * height / width),
+        "screenWindowWidth": 2 * math.tan(math.radians(camera.x_fov) / 2),
+        "potmesil:millimeters_per_unit": plain.millimeters_per_unit,
+    }
+    if math.isfinite(plain.f_number):
+        found["aperture"] = plain.f_number
+    return found
