@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -10,12 +11,16 @@ import OpenImageIO as oiio
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi.cli import main
 from potmesil_mi.evaluation import metrics, thinlens_sensor
 from potmesil_mi.optics.depth import camera_of, ndc_from_depth, ray_length_from_depth
 from potmesil_mi.optics.planarity import bending, verdict
+from potmesil_mi.pictures.reading import PictureFile
 from scenes import still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
+
+DATA = Path(__file__).parent.parent / "data"
 
 SIZE = (30, 20)
 FOV = 50.0
@@ -426,3 +431,29 @@ def test_two_thousand_broken_files_are_clear_errors_or_sound_samples(tmp_path):
             outcomes["samples"] += 1
     assert not unnamed
     assert min(outcomes.values()) > 200, outcomes
+
+
+def test_a_picture_that_blender_wrote_is_refocused_by_one_command(tmp_path):
+    """``benchmarks/blender.py --sample`` made it: multi-part, with stamps, of Blender 5.0.1."""
+    path = DATA / "blender.exr"
+    lens = ["--f-number", "0.2", "--focus-distance", "2.2", "--frame-width", "36"]
+    assert main(["focus", str(path), *lens, "-o", str(tmp_path / "a.exr")]) == 0
+    file = PictureFile(tmp_path / "a.exr")
+    picture = file.channels(file.parts[0], ["R", "G", "B"])
+    samples = pm.PointSamples.from_image(
+        path, lens={"f_number": 0.2, "focus_distance": 2.2, "frame_width": 36.0}
+    )
+    assert samples.camera.x_fov == pytest.approx(2 * math.degrees(math.atan(36 / 70)))
+    assert samples.lens.focal_length == pytest.approx(35)
+    # It looks down by 6 degrees from 1 m above the floor, which the lower half shows.
+    bottom = samples.z[samples.visible().y.argmax()]
+    assert 1 < bottom < 4
+    first = samples.layer == 0
+    sharp = np.zeros((48 * 64, 3))
+    light = samples.rgb[first] * samples.weight[first][:, None]
+    np.add.at(sharp, samples.pixel()[first], light)
+    np.testing.assert_allclose(picture.mean(), sharp.mean(), rtol=0.03)
+    # The wall at 16 m is blurred.
+    detail = np.abs(np.diff(picture, axis=1)).mean(axis=(1, 2))
+    before = np.abs(np.diff(sharp.reshape(48, 64, 3), axis=1)).mean(axis=(1, 2))
+    assert detail[:12].sum() < 0.8 * before[:12].sum()
