@@ -98,9 +98,8 @@ def image_of_file(
     scale = described.depth_scale or 1
     described = _as_known(described, known, name, lambda: bending(values * scale, camera))
     try:
-        return image_of_arrays(
-            picture.rgb, values, camera, lens, described, picture.surface, picture.surfaces
-        )
+        names = None if picture.surface is None else picture.surfaces
+        return image_of_arrays(picture.rgb, values, camera, lens, described, picture.surface, names)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
 
