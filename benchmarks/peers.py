@@ -1,6 +1,7 @@
 """The focused picture beside those of other programs that blur a picture by its depth.
 
-All start from the same scene in one run. potmesil_mi focuses its point samples; GEGL's `lens-blur`
+All start from the same scene in one run. potmesil_mi focuses its point samples, and then what the
+peers are given by itself, as it does pictures of other programs; GEGL's `lens-blur`
 and Blender's Defocus node are given the pinhole picture that the same samples make, and its depth,
 and then a pinhole picture of many more samples; Mitsuba's `thinlens` is given the time that
 potmesil_mi takes. The reference is a converged `thinlens`.
@@ -139,6 +140,7 @@ def main() -> None:
     }
     for picture in (given[name] for name in arguments.given):
         rows.append(Row(f"pinhole picture {picture.name}", picture.picture))
+        rows.append(of_picture(inputs, picture, arguments))
         for name, run in peers.items():
             if name in arguments.skip:
                 continue
@@ -343,6 +345,22 @@ def ours(inputs: Inputs, arguments: argparse.Namespace) -> tuple[np.ndarray, lis
         rows.append(Row(f"{name}, {arguments.spp} spp and focus", picture, taking + first))
     closed = inputs.lens.replace(f_number=math.inf)
     return np.array(pm.focus(made[0], closed, rfilter=rfilter)), rows
+
+
+def of_picture(inputs: Inputs, given: Given, arguments: argparse.Namespace) -> Row:
+    """What the peers are given, refocused: the picture and one depth a pixel, no samples."""
+    camera = inputs.sensor.camera()
+    samples = pm.PointSamples.from_image(
+        given.picture, inputs.depth, camera=camera, lens=inputs.lens, depth_kind="z"
+    )
+    session = pm.FocusSession(samples)
+    picture, _ = timed(lambda: session.focus(inputs.lens))
+    others = [
+        inputs.lens.replace(focus_distance=inputs.lens.focus_distance * (1 + number / 100))
+        for number in range(1, arguments.repeats + 1)
+    ]
+    steady = statistics.median(timed(lambda lens=lens: session.focus(lens))[1] for lens in others)
+    return Row(f"potmesil_mi of the pinhole picture {given.name}, refocused", picture, steady)
 
 
 def thinlens_in(seconds: float, what: str, inputs: Inputs, arguments: argparse.Namespace) -> Row:

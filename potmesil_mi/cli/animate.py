@@ -15,15 +15,15 @@ from .options import (
     add_denoise,
     add_lens,
     add_method,
+    add_picture,
     add_samples,
     add_sampling,
     add_scene,
     add_variant,
-    given_lens,
     given_method,
     set_variant,
 )
-from .taking import Opened
+from .taking import Opened, samples_of_file
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation
@@ -37,6 +37,7 @@ examples:
   potmesil animate scenes/figure11.xml pull.toml -o 'frames/pull_{:04d}.png' -o pull.mp4
   potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --frames 10-20
   potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --shard 3/64
+  potmesil animate blender.exr pull.toml --frame-width 36 -o 'pull_{:04d}.png'
 
 pull.toml, for example:
 
@@ -52,13 +53,16 @@ Samples are taken once. Frames that are there already stay, so that what was int
 """
 
 
+SCENE = ".xml"
+"""How names of scenes end."""
+
 SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
 """Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
 
 
 def animate_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil animate``; returns the examples."""
-    add_scene(command, "the scene, or a file of `render --samples`")
+    add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
     command.add_argument("animation", metavar="ANIMATION.toml", help="what changes, see below")
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
@@ -79,6 +83,7 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     add_sampling(command)
     add_lens(command)
     add_method(command)
+    add_picture(command)
     return ANIMATE_EXAMPLES
 
 
@@ -119,7 +124,7 @@ def animate(options: argparse.Namespace) -> None:
                 "`potmesil render --samples` takes them, and --overwrite makes frames anew",
                 stacklevel=1,
             )
-    if frames and options.scene.lower().endswith(tuple(ENDINGS)):
+    if frames and not options.scene.lower().endswith(SCENE):
         _of_file(options, animation, frames, files)
     elif frames:
         _of_scene(options, animation, frames, files)
@@ -222,9 +227,8 @@ def _of_moving_scene(
 def _of_file(
     options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
-    """The frames of samples in a file."""
+    """The frames of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
-    from ..samples.point_samples import PointSamples
     from ..samples.standard import standard_attributes
 
     of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
@@ -242,10 +246,10 @@ def _of_file(
     method = given_method(options)
     if options.variant is not None:
         set_variant(options.variant)
-    samples = PointSamples.load(options.scene)
+    samples = samples_of_file(options.scene, options, animation)
     if options.denoise:
         samples = samples.denoised()
-    lens = samples.lens.replace(**given_lens(options))
+    lens = samples.lens
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
         lens_of_frame = animation.lens_at(lens, frame)
         files.write(frame, picture, standard_attributes(samples.camera, lens_of_frame))

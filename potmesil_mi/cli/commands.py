@@ -23,14 +23,12 @@ from .options import (
     add_scene,
     add_variant,
     given_denoise,
-    given_lens,
     given_method,
-    given_picture,
     given_sampling,
     scene_with_lens,
     set_variant,
 )
-from .taking import Opened
+from .taking import Opened, samples_of_file
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -149,21 +147,8 @@ def refocus(options: argparse.Namespace) -> None:
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
-    """The samples of a file, or of a picture, with the lens of the options.
-
-    They keep what methods ask of them first.
-    """
-    from ..samples.files import holds_samples
-    from ..samples.point_samples import PointSamples
-
-    path, picture, lens = options.samples, given_picture(options), given_lens(options)
-    if holds_samples(path):
-        if picture:
-            raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
-        samples = PointSamples.load(path)
-        samples = samples.replace(lens=samples.lens.replace(**lens))
-    else:
-        samples = PointSamples.from_image(path, lens=lens, **picture)
+    """The samples of a file with the lens of the options, and what methods ask of them first."""
+    samples = samples_of_file(options.samples, options)
     _ = samples.spp, samples.is_crowded
     return samples
 

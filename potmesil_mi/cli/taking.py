@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from .options import (
     given_denoise,
+    given_lens,
     given_method,
     given_motion,
+    given_picture,
     given_sampling,
     scene_with_lens,
 )
@@ -18,6 +20,7 @@ from .options import (
 if TYPE_CHECKING:
     import mitsuba as mi
 
+    from ..animation.animation import Animation
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..motion.motion import Motion
@@ -91,3 +94,31 @@ class Opened:
         if options.samples:
             samples.save(options.samples)
         return samples.denoised() if self.denoise else samples
+
+
+def samples_of_file(
+    path: str, options: argparse.Namespace, animation: Animation | None = None
+) -> PointSamples:
+    """The samples in a file, or of a picture in it, with the lens of the options.
+
+    They serve all lenses of an ``animation``.
+    """
+    from ..samples.files import holds_samples
+    from ..samples.point_samples import PointSamples
+
+    picture, lens = given_picture(options), given_lens(options)
+    if holds_samples(path):
+        if picture:
+            raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
+        samples = PointSamples.load(path)
+        return samples.replace(lens=samples.lens.replace(**lens))
+    if animation is None:
+        return PointSamples.from_image(path, lens=lens, **picture)
+    samples = PointSamples.from_image(path, lens={**animation.first_lens(), **lens}, **picture)
+    own: Any = samples.lens
+    lenses: list[Any] = animation.lenses(own)
+    widest = max(lenses, key=lambda of: float(of.lens_diameter))
+    if widest.lens_diameter > own.lens_diameter:
+        picture["camera"] = samples.camera
+        samples = PointSamples.from_image(path, lens=widest, **picture).replace(lens=own)
+    return samples

@@ -1,6 +1,7 @@
 """``potmesil animate``: frames in files, from scenes and from samples, by parts and once more."""
 
 import os
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -371,3 +372,20 @@ def test_a_shutter_without_anything_that_moves_is_told_of(tmp_path, capsys):
     still.write_text(PULL + "[shutter]\nclose = 0.5\n", encoding="utf-8")
     assert animate(tmp_path / "frames", FIGURE, str(still), *SMALL, "--frames", "0-0") == 0
     assert "shutter: has no effect" in capsys.readouterr().err
+
+
+def test_a_picture_of_another_program_is_pulled_through_its_depth(tmp_path):
+    """Its samples serve the widest aperture of all frames."""
+    picture = Path(__file__).parent.parent / "data" / "blender.exr"
+    lens = "focus_distance = [[0, 2.2], [2, 14]]\nf_number = [[0, 4], [2, 0.2]]\n"
+    (tmp_path / "pull.toml").write_text(f"frames = 3\n[lens]\n{lens}")
+    options = str(picture), str(tmp_path / "pull.toml"), "--frame-width", "36"
+    assert animate(tmp_path, *options, "--spp", "4") == 1
+    assert animate(tmp_path, *options) == 0
+    (tmp_path / "pull.toml").unlink()
+    found = frames_in(tmp_path)
+    lens = {"f_number": 0.2, "focus_distance": 14.0, "frame_width": 36.0}
+    samples = pm.PointSamples.from_image(picture, lens=lens)
+    np.testing.assert_allclose(
+        found[sorted(found)[-1]], np.array(pm.focus(samples)), rtol=1e-4, atol=1e-4
+    )

@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import mitsuba as mi
@@ -457,3 +459,26 @@ def test_a_picture_that_blender_wrote_is_refocused_by_one_command(tmp_path):
     detail = np.abs(np.diff(picture, axis=1)).mean(axis=(1, 2))
     before = np.abs(np.diff(sharp.reshape(48, 64, 3), axis=1)).mean(axis=(1, 2))
     assert detail[:12].sum() < 0.8 * before[:12].sum()
+
+
+WITHOUT_MITSUBA = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "mitsuba":
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Blocked())
+from potmesil_mi.cli import main
+
+lens = ["--f-number", "0.2", "--focus-distance", "2.2", "--frame-width", "36"]
+sys.exit(main(["focus", sys.argv[1], *lens, "-o", sys.argv[2], "--maps", "depth", "coc"]))
+"""
+
+
+def test_refocusing_a_picture_needs_nothing_of_mitsuba(tmp_path):
+    command = [sys.executable, "-W", "error", "-c", WITHOUT_MITSUBA]
+    subprocess.run([*command, DATA / "blender.exr", tmp_path / "a.exr"], check=True)
+    names = PictureFile(tmp_path / "a.exr").parts[0].channels
+    assert set(names) == {"R", "G", "B", "Z", "coc"}
