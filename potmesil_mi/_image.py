@@ -18,6 +18,9 @@ PICTURES = (".exr", ".png", ".jpg", ".jpeg")
 OIIO_NAMES = {"aperture": "FNumber"}
 """Attributes of OpenEXR that OpenImageIO calls otherwise."""
 
+WINDOWS = {"dataWindow", "displayWindow"}
+"""What may be said of where a picture is in the whole: left, top, width, height."""
+
 JPEG_QUALITY = 90
 """Quality of JPEG files, 1 to 100."""
 
@@ -126,6 +129,9 @@ def write_picture(
 def _in_srgb(linear: np.ndarray) -> np.ndarray:
     """8-bit sRGB of linear colours, which are clipped to [0, 1]; alpha stays linear."""
     values = np.clip(np.nan_to_num(linear), 0, 1)
+    if values.shape[2] == 4:  # PNG has colours that are not multiplied by alpha.
+        alpha = np.maximum(values[..., 3:], np.float32(1e-6))
+        values[..., :3] = np.clip(np.nan_to_num(linear[..., :3]) / alpha, 0, 1)
     rgb = values[..., :3]
     values[..., :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
     return (values * 255 + np.float32(0.5)).astype(np.uint8)
@@ -140,8 +146,12 @@ def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
     spec.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
     if ending == ".exr":
         spec.attribute("compression", "zip")
+        if said.keys() >= WINDOWS:
+            _place(spec, said["dataWindow"], said["displayWindow"])
         for name, value in said.items():
             name = OIIO_NAMES.get(name, name)
+            if name in WINDOWS:
+                continue
             if isinstance(value, np.ndarray):
                 spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
             elif isinstance(value, tuple):
@@ -152,10 +162,22 @@ def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
         spec.attribute("oiio:ColorSpace", "sRGB")
         spec.attribute("CompressionQuality", JPEG_QUALITY)
         for name, value in said.items() if ending == ".png" else ():
+            if name in WINDOWS:
+                continue
             if isinstance(value, np.ndarray):
                 value = " ".join(f"{number:.9g}" for number in value.ravel())
             spec.attribute(name, str(value))
     return spec
+
+
+def _place(spec: Any, box: tuple[int, ...], film: tuple[int, ...]) -> None:
+    """Say where in the whole picture one is: left, top, width and height of both.
+
+    A picture of another size, as a film with a border makes it, is one of its own.
+    """
+    if tuple(box[2:]) == (spec.width, spec.height):
+        spec.x, spec.y = box[:2]
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = film
 
 
 def _write(values: np.ndarray, spec: Any, path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from .taking import Opened, samples_of_file
 
 if TYPE_CHECKING:
     import mitsuba as mi
+    import numpy as np
     from rich.console import Console
 
     from ..samples.maps import MapName
@@ -72,11 +73,13 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
     from ..focusing.api import focus
+    from ..samples.maps import maps_of
 
     _check_outputs(options.output, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
     samples = opened.sampled(options, opened.sampling)
+    maps = maps_of(samples, tuple(options.maps))
     picture = focus(
         samples,
         method=opened.method,
@@ -84,7 +87,7 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
-    _write(picture, samples, options.output, options.maps)
+    _write(picture, samples, options.output, maps)
 
 
 # ---------------------------------------------------------------- focus
@@ -126,7 +129,9 @@ def refocus(options: argparse.Namespace) -> None:
     from ..filters.base import as_filters
 
     _check_outputs(options.output, maps=options.maps)
-    _require_apart(options.samples, options.output)
+    for source in (options.samples, options.depth):
+        if source:
+            _require_apart(source, options.output)
     method = given_method(options)
     filters = as_filters(options.filter)
 
@@ -138,12 +143,17 @@ def refocus(options: argparse.Namespace) -> None:
             set_variant(options.variant)
         from ..focusing import layered  # noqa: F401
         from ..focusing.api import focus
+        from ..samples.files import holds_samples
+        from ..samples.maps import maps_of
 
         samples = loading.result()
     if options.denoise:
         samples = samples.denoised()
-    picture = focus(samples, method=method, filters=filters)
-    _write(picture, samples, options.output, options.maps)
+    maps = maps_of(samples, tuple(options.maps))
+    # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
+    alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
+    picture = focus(samples, method=method, filters=filters, alpha=alpha)
+    _write(picture, samples, options.output, maps)
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
@@ -317,22 +327,24 @@ def _check_outputs(
         _require_apart(samples, pictures)
 
 
-def _require_apart(samples: str, pictures: Sequence[str]) -> None:
-    if Path(samples).resolve() in {Path(path).resolve() for path in pictures}:
-        raise ValueError(f"{samples}: the picture must not take the place of its samples")
+def _require_apart(source: str, pictures: Sequence[str]) -> None:
+    if Path(source).resolve() in {Path(path).resolve() for path in pictures}:
+        raise ValueError(f"{source}: the picture must not take the place of what it is made of")
 
 
 def _write(
-    picture: mi.TensorXf, samples: PointSamples, paths: Sequence[str], maps: Sequence[MapName]
+    picture: mi.TensorXf,
+    samples: PointSamples,
+    paths: Sequence[str],
+    maps: Mapping[str, np.ndarray],
 ) -> None:
     """Write a picture with what is known of its camera and lens, and with maps beside it."""
     from .._image import write_picture
-    from ..samples.maps import maps_of
     from ..samples.standard import standard_attributes
 
     said = standard_attributes(samples.camera, samples.lens)
     for path in paths:
-        write_picture(picture, path, said, maps_of(samples, tuple(maps)))
+        write_picture(picture, path, said, maps)
 
 
 def _console() -> Console:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from .reading import Part, PictureFile
@@ -12,7 +11,8 @@ DEPTH = re.compile(r"(^|[.:])(z|depth(\.[zyvrt])?|[^.:]+\.t|distance(\.\w)?)$", 
 """Names of channels of depth; the first that are Z of something else are left out."""
 
 NOT_DEPTH = re.compile(
-    r"(position|normal|vector|velocity|motion\w*|pworld|albedo|uv|p|n)\.(z|t)$", re.IGNORECASE
+    r"(^|[.:])(\w*(position|normal|vector|velocity|albedo)s?|motion\w*|pworld|pref|uv|p|n)\.(z|t)$",
+    re.IGNORECASE,
 )
 """Names of channels that are the third of something else."""
 
@@ -27,6 +27,10 @@ IDS = ("id", "surface")
 
 CRYPTOMATTE = re.compile(r"^(?P<name>.*crypto\w*?)00\.(?P<channel>r|red)$", re.IGNORECASE)
 """The channel of the ids that take most of each pixel."""
+
+
+NAME_ONE = "say depth_channel, one of"
+"""What is asked for where it is not clear which channel is meant."""
 
 
 class Channel(NamedTuple):
@@ -50,7 +54,7 @@ def every_channel(file: PictureFile) -> list[Channel]:
 
 
 def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
-    """The three channels, or four with alpha, that show the picture, or one that is grey.
+    """The three channels that show the picture, or one that is grey, and perhaps alpha.
 
     ``layer`` is the name before that of the channels. Raises ``ValueError`` that names the layers
     there are.
@@ -74,7 +78,7 @@ def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
         asked = "no layer of colours" if layer is None else f"layer={layer!r}: there is none"
         raise ValueError(f"{file.path}: {asked}; layers with R, G and B: {there}")
     of = coloured.get(chosen[0]) or grey[chosen[0]]
-    names = [name for name in "rgba" if name in of] if "r" in of else ["y"]
+    names = [name for name in ("rgba" if "r" in of else "ya") if name in of]
     own = [of[name] for name in names]
     if any(channel.part.number != own[0].part.number for channel in own):
         raise ValueError(f"{file.path}: the channels of {chosen[0]!r} are in several parts")
@@ -98,7 +102,8 @@ def depth_of(file: PictureFile, wanted: str | None, need: bool) -> Channel | Non
             names = ", ".join(of.full_name for of in every)
             raise ValueError(f"{file.path}: depth_channel={wanted!r}: must be one of {names}")
         return found[0]
-    found = [of for of in every if DEPTH.search(of.name) and not NOT_DEPTH.search(of.name)]
+    lower = {of.full_name.lower() for of in every}
+    found = [of for of in every if _is_depth(of.full_name, lower)]
     if not found and len(every) == 1:
         return every[0]
     exact = [of for of in found if of.name in ("Z", "depth.Z", "Depth.Z")]
@@ -106,9 +111,21 @@ def depth_of(file: PictureFile, wanted: str | None, need: bool) -> Channel | Non
         found = exact
     if len(found) > 1 or (need and not found):
         names = ", ".join(of.full_name for of in (found or every))
-        what = "several channels may be the depth" if found else "no channel is named as a depth"
-        raise ValueError(f"{file.path}: {what}; say depth_channel, one of {names}")
+        if found:
+            raise ValueError(f"{file.path}: several channels may be its depth; {NAME_ONE} {names}")
+        raise ValueError(
+            f"{file.path}: no channel is called a depth; give depth, a file of it, or {NAME_ONE} "
+            f"{names}"
+        )
     return found[0] if found else None
+
+
+def _is_depth(name: str, others: set[str]) -> bool:
+    """Whether a channel is called a depth, and is not the third of something else."""
+    head, dot, last = name.lower().rpartition(".")
+    siblings = {f"{head}{dot}x", f"{head}{dot}y"}
+    is_third = last == "z" and siblings <= others
+    return bool(DEPTH.search(name)) and not NOT_DEPTH.search(name) and not is_third
 
 
 def ids_of(file: PictureFile) -> Channel | None:
@@ -122,10 +139,3 @@ def ids_of(file: PictureFile) -> Channel | None:
         if whole and channel.name.rpartition(".")[2].lower() in IDS:
             return channel
     return None
-
-
-def require_one_window(channels: Sequence[Channel | None], path: object) -> None:
-    """Raise ``ValueError`` unless all show the same pixels."""
-    boxes = {channel.part.box for channel in channels if channel is not None}
-    if len(boxes) > 1:
-        raise ValueError(f"{path}: colours and depth have data windows {sorted(boxes)}")

@@ -17,13 +17,15 @@ from .channels import (
     depth_of,
     every_channel,
     ids_of,
-    require_one_window,
 )
 from .programs import KnownDepth, Optics, depth_known, optics_of
 from .reading import Part, PictureFile
 
 NUMPY = ".npy"
 """How files of NumPy end, in which a depth may be."""
+
+NEARLY = 1e-3
+"""By how much a ratio may differ from 1 and still be it."""
 
 MOST_NAMES = 1 << 20
 """Characters of a manifest of names, at most."""
@@ -54,15 +56,47 @@ class Frame:
     def of(
         cls, part: Part, attributes: Mapping[str, Any], known: KnownDepth | None, path: object
     ) -> Frame:
-        """That of a part of the file ``path``, which must not go beyond its display window."""
-        (left, top, width, height), film = part.box, part.film
-        offset = left - film[0], top - film[1]
-        if min(offset) < 0 or offset[0] + width > film[2] or offset[1] + height > film[3]:
+        """That of a part of the file ``path``, without what is beyond its display window.
+
+        Raises ``ValueError`` for a part that is all beyond it, for pixels that are not square and
+        for a picture that lies on its side.
+        """
+        for name, usual in (("PixelAspectRatio", 1), ("Orientation", 1)):
+            value = attributes.get(name, usual)
+            if isinstance(value, (int, float)) and abs(value - usual) > NEARLY:
+                raise ValueError(f"{path}: its {name} is {value:g}, must be {usual}")
+        film = part.film
+        inside = _shared(part.box, film)
+        if inside is None:
             raise ValueError(
                 f"{path}: its data window {part.box} must lie in its display window {film}"
             )
+        left, top, width, height = inside
         optics = optics_of(attributes, known)
+        offset = left - film[0], top - film[1]
         return cls((width, height), offset, (film[2], film[3]), optics, known)
+
+    def rows_and_columns(self, part: Part) -> tuple[slice, slice]:
+        """Those of a ``part`` that are in the picture; ``ValueError`` if it has not all."""
+        left = self.crop_offset[0] + part.film[0] - part.box[0]
+        top = self.crop_offset[1] + part.film[1] - part.box[1]
+        (width, height), (_, _, wide, high) = self.size, part.box
+        if left < 0 or top < 0 or left + width > wide or top + height > high:
+            raise ValueError(
+                f"its data window {part.box} does not cover {width}x{height} pixels at "
+                f"{self.crop_offset} of the picture"
+            )
+        return slice(top, top + height), slice(left, left + width)
+
+
+def _shared(
+    box: tuple[int, int, int, int], film: tuple[int, int, int, int]
+) -> tuple[int, int, int, int] | None:
+    """What two boxes (left, top, width, height) have in common, if anything."""
+    left, top = max(box[0], film[0]), max(box[1], film[1])
+    right = min(box[0] + box[2], film[0] + film[2])
+    bottom = min(box[1] + box[3], film[1] + film[3])
+    return (left, top, right - left, bottom - top) if left < right and top < bottom else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,48 +122,61 @@ class Picture:
 
 def read_picture(
     file: PictureFile,
-    depth: str | os.PathLike[str] | None = None,
+    depth: np.ndarray | str | os.PathLike[str] | None = None,
     *,
     layer: str | None = None,
     depth_channel: str | None = None,
 ) -> Picture:
-    """Read the picture in a file, and its depth from the same or from another.
+    """Read the picture in a file, and its depth from the same, from another or from an array.
 
     ``layer`` is the name of that of the colours, ``depth_channel`` of the channel of depth. Raises
     what :class:`PictureFile` raises, and ``ValueError`` that names the channels there are where
     none, or several, may be meant.
     """
     colours = colours_of(file, layer)
-    rgb = _linear(file, colours)
-    attributes = dict(colours[0].part.attributes)
-    known, surface = None, None
-    surfaces: dict[int, str] = {}
+    part, known = colours[0].part, None
+    attributes = dict(part.attributes)
+    of_depth, ids = None, None
     if depth is None:
-        channel = depth_of(file, depth_channel, need=True)
-        assert channel is not None
-        ids = ids_of(file)
-        require_one_window([colours[0], channel, ids], file.path)
-        attributes = {**channel.part.attributes, **attributes}
+        of_depth, ids = depth_of(file, depth_channel, need=True), ids_of(file)
+        assert of_depth is not None
+        attributes = {**of_depth.part.attributes, **attributes}
         others = [of.name for of in every_channel(file)]
-        known = depth_known(attributes, channel.name, others)
-        values = file.channels(channel.part, [channel.name])[..., 0]
+        known = depth_known(attributes, of_depth.name, others)
+    frame = Frame.of(part, attributes, known, file.path)
+    rgb = _linear(file, colours)[frame.rows_and_columns(part)]
+    surface: np.ndarray | None = None
+    surfaces: dict[int, str] = {}
+    try:
+        if of_depth is not None:
+            values = file.channels(of_depth.part, [of_depth.name])[..., 0]
+            values = values[frame.rows_and_columns(of_depth.part)]
+        elif isinstance(depth, np.ndarray):
+            values = depth
+        else:
+            assert depth is not None
+            values = read_depth(depth, depth_channel, frame)
         if ids is not None:
             surface, surfaces = _surfaces(file, ids)
-    else:
-        values = read_depth(depth, depth_channel)
+            surface = surface[frame.rows_and_columns(ids.part)]
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if ": " in text else f"{file.path}: {text}") from error
     if values.shape != rgb.shape[:2]:
         raise ValueError(
-            f"{depth or file.path}: its depth has {values.shape[1]}x{values.shape[0]} pixels, must "
-            f"have {rgb.shape[1]}x{rgb.shape[0]}, as the colours"
+            f"{file.path if depth is None or isinstance(depth, np.ndarray) else depth}: its depth "
+            f"has the shape {values.shape}, must have {rgb.shape[:2]}, as the colours"
         )
-    frame = Frame.of(colours[0].part, attributes, known, file.path)
     return Picture(rgb, values, frame, surface, surfaces)
 
 
-def read_depth(path: str | os.PathLike[str], channel: str | None = None) -> np.ndarray:
+def read_depth(
+    path: str | os.PathLike[str], channel: str | None = None, frame: Frame | None = None
+) -> np.ndarray:
     """The depth in a file, (H, W), as it is there: a picture of any kind, or ``.npy``.
 
-    Raises as :func:`read_picture` does.
+    Of one that covers the ``frame`` of a picture of the same film, what is in that. Raises as
+    :func:`read_picture` does.
     """
     if os.fspath(path).lower().endswith(NUMPY):
         return _from_numpy(path)
@@ -138,18 +185,24 @@ def read_depth(path: str | os.PathLike[str], channel: str | None = None) -> np.n
     if found is None:
         every = every_channel(file)
         red = [of for of in every if of.name.lower() in ("r", "y")]
-        if not red or (channel is None and len(every) > 3 and len(red) != 1):
+        if len(red) != 1:
             names = ", ".join(of.full_name for of in every)
             raise ValueError(f"{file.path}: say depth_channel, one of {names}")
         found = red[0]
-    return file.channels(found.part, [found.name])[..., 0]
+    values = file.channels(found.part, [found.name])[..., 0]
+    if frame is not None and found.part.film[2:] == frame.film_size:
+        try:
+            values = values[frame.rows_and_columns(found.part)]
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+    return values
 
 
 def _from_numpy(path: str | os.PathLike[str]) -> np.ndarray:
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
-        if values.ndim == 3 and 1 in values.shape:
-            values = values.squeeze()
+        if values.ndim == 3 and 1 in (values.shape[0], values.shape[2]):
+            values = values.squeeze(axis=2 if values.shape[2] == 1 else 0)
         if values.ndim != 2 or values.dtype.kind not in "fui":
             raise ValueError(f"is {values.dtype} {values.shape}, must be numbers, (H, W)")
         return np.array(values)
@@ -166,13 +219,14 @@ def _linear(file: PictureFile, colours: list[Channel]) -> np.ndarray:
     if whole:
         values = values / np.float32(np.iinfo(values.dtype).max)
     values = values.astype(np.float32, copy=False)
-    if values.shape[2] == 1:
-        values = np.repeat(values, 3, axis=2)
+    if values.shape[2] < 3:
+        values = np.concatenate([np.repeat(values[..., :1], 3, axis=2), values[..., 1:]], axis=2)
     if whole:
         rgb = values[..., :3]
         values[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-        if file.is_gamma and values.shape[2] == 4:
-            values[..., :3] *= values[..., 3:]
+    separate = file.is_gamma or bool(colours[0].part.attributes.get("oiio:UnassociatedAlpha"))
+    if separate and values.shape[2] == 4:
+        values[..., :3] *= values[..., 3:]
     return values
 
 

@@ -6,7 +6,9 @@ Program       Camera and lens                                    Depth
 Blender       ``Lens`` (mm), with stamps; a unit is a metre      ``Depth.Z`` along the axis, 1e10
                                                                  where nothing is
 Mitsuba       none                                               ``.T`` along the ray, 0 where
-                                                                 nothing is, filtered as colours
+                                                                 nothing is, filtered as colours;
+                                                                 it begins at ``near_clip``, 0.01
+                                                                 by default, which is neglected
 V-Ray         ``cameraAperture`` and ``cameraFocalLength``       ``Z`` along the axis
               (mm), ``cameraFov`` (degrees), ``cameraFNumber``,
               ``cameraTargetDistance``
@@ -67,7 +69,9 @@ class Optics:
     """What is known of a camera and its lens; ``None`` for the rest.
 
     ``x_fov`` is in degrees, ``focal_length`` and ``frame_width`` in millimetres, ``focus_distance``
-    in scene units or, ``focus_meters``, in metres.
+    in scene units or, ``focus_meters``, in metres; ``principal_point_offset`` is by how much
+    the middle of the film is off the axis, right and down, in widths of the film, ``own_lens`` the
+    JSON of this package.
     """
 
     x_fov: float | None = None
@@ -77,10 +81,14 @@ class Optics:
     focus_distance: float | None = None
     focus_meters: float | None = None
     millimeters_per_unit: float | None = None
+    principal_point_offset: tuple[float, float] = (0.0, 0.0)
+    own_lens: str | None = None
 
     def __or__(self, other: Optics) -> Optics:
         """These, and for what they do not say the other's."""
         mine = {name: of for name, of in vars(self).items() if of is not None}
+        if not any(self.principal_point_offset):
+            del mine["principal_point_offset"]
         return dataclasses.replace(other, **mine)
 
 
@@ -128,6 +136,8 @@ def optics_of(attributes: Mapping[str, Any], known: KnownDepth | None) -> Optics
         frame_width=number.positive("sensorOverallDimensions"),
         f_number=number.positive("FNumber") or number.positive("aperture"),
         focus_meters=number.positive("focus"),
+        principal_point_offset=_offset(attributes, window),
+        own_lens=own if isinstance(own := attributes.get("potmesil:lens"), str) else None,
         millimeters_per_unit=number.positive("potmesil:millimeters_per_unit"),
     )
     full_frame = number.positive("Exif:FocalLengthIn35mmFilm")
@@ -154,7 +164,7 @@ class _Numbers:
             number = float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
             return None
-        return number if least < number < most else None
+        return number if least < number <= most else None
 
 
 def _fov(window: float | None) -> float | None:
@@ -173,4 +183,21 @@ def _fov_of_matrices(attributes: Mapping[str, Any]) -> float | None:
     w = projection[2, 3]
     if not np.isfinite(projection).all() or abs(w) < 1e-9 or abs(projection[0, 0]) < 1e-9:
         return None
-    return 2 * math.degrees(math.atan(abs(w / projection[0, 0])))
+    slope = abs(w / projection[0, 0])
+    # NDC are 0 to 1 over the display window, as the standard has it, or -1 to 1.
+    middle = projection[2, 0] / w
+    return 2 * math.degrees(math.atan(slope / 2 if abs(middle - 0.5) < 0.25 else slope))
+
+
+def _offset(attributes: Mapping[str, Any], window: float | None) -> tuple[float, float]:
+    """By how much the middle of the film is off the axis, right and down, in widths of it.
+
+    ``screenWindowCenter`` is in the plane at distance 1, as is the width of the ``window``.
+    """
+    center = attributes.get("screenWindowCenter")
+    if window is None or not isinstance(center, (tuple, list)) or len(center) != 2:
+        return 0.0, 0.0
+    across, up = (float(of) for of in center)
+    if not (math.isfinite(across) and math.isfinite(up)):
+        return 0.0, 0.0
+    return across / window, -up / window

@@ -119,7 +119,7 @@ class PictureFile:
         index = [part.channels.index(name) for name in names]
         kinds = {part.kinds[i] for i in index}
         kind = kinds.pop() if len(kinds) == 1 else "float"
-        wanted = kind if kind.startswith("uint") else "float"
+        wanted = kind if kind.startswith(("uint", "int")) else "float"
         first, last = min(index), max(index) + 1
         with self._opened() as opened:
             values = opened.read_image(part.number, 0, first, last, wanted)

@@ -127,6 +127,7 @@ def _attributes(header: Header) -> dict[str, Any]:
     standard = {
         name: np.asarray(value, np.float32) if isinstance(value, (tuple, np.ndarray)) else value
         for name, value in standard_attributes(header.camera, header.lens).items()
+        if not name.endswith("Window")
     }
     return {
         "type": OpenEXR.deepscanline,

@@ -38,7 +38,7 @@ def unfiltered(depth: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
         covered = depth
         around = scipy.ndimage.maximum_filter(depth, REACH, mode="nearest")
         beside = scipy.ndimage.minimum_filter(depth, REACH, mode="nearest") <= 0
-        nothing = np.where(beside, depth < around / 2, depth <= 0)
+        nothing = (depth <= 0) | (beside & (depth < around / 2))
         covered = np.where(beside & ~nothing, around, depth)
     near, far = (
         of(np.where(nothing, otherwise, covered), REACH, mode="nearest")

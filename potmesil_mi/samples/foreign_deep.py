@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def _flat(path: Path) -> _Flat:
     with OpenEXR.File(str(path), separate_channels=True) as file:
         if not file.parts:
             raise ValueError("is truncated or damaged")
-        found = file.parts[0].channels
+        found = _without_layer(file.parts[0].channels)
         if "Z" not in found:
             raise ValueError("it has no channel Z, as a deep picture must")
         pixels = {name: found[name].pixels.ravel() for name in CHANNELS if name in found}
@@ -126,6 +126,14 @@ def _flat(path: Path) -> _Flat:
         )
     alpha = np.clip(alpha, LEAST_ALPHA, 1)
     return _sliced(_Flat(np.repeat(np.arange(len(counts)), counts), rgb, alpha, z), back)
+
+
+def _without_layer(channels: Mapping[str, Any]) -> dict[str, Any]:
+    """The channels by their last names, those without a layer, or of the first, before others."""
+    found: dict[str, Any] = {}
+    for name in sorted(channels, key=lambda name: name.count(".")):
+        found.setdefault(name.rpartition(".")[2], channels[name])
+    return found
 
 
 def _sliced(flat: _Flat, back: np.ndarray) -> _Flat:

@@ -123,7 +123,7 @@ class Header:
             )
         header = cls(
             Camera.from_dict(values["camera"]),
-            _lens(values["lens"]),
+            lens_of_header(values["lens"]),
             window,
             surfaces,
             about["lattice"],
@@ -152,7 +152,7 @@ def _infinity(text: str) -> float:
     return float(text)
 
 
-def _lens(values: dict[str, Any]) -> ThinLens | TelecentricLens:
+def lens_of_header(values: dict[str, Any]) -> ThinLens | TelecentricLens:
     """The lens of a header, whose aperture names no file."""
     for name, value in values.items():
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):

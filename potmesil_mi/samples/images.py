@@ -24,7 +24,7 @@ from ..optics.depth import (
 )
 from ..optics.lens import ThinLens
 from ..optics.planarity import bending, verdict
-from ..pictures.picture import read_picture
+from ..pictures.picture import read_depth, read_picture
 from ..pictures.programs import KnownDepth
 from ..pictures.reading import PictureFile
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
@@ -33,6 +33,9 @@ from .picture_optics import camera_and_lens
 
 DepthKind = Literal["z", "distance", "inverse", "ndc"]
 """What the numbers of a depth mean."""
+
+FARTHEST = 1e30
+"""Depth in scene units of what is taken to be nearest where nothing is near."""
 
 NEAREST = 1e-30
 """The least depth in scene units that single precision can use."""
@@ -56,6 +59,22 @@ class Described(NamedTuple):
     antialiased: bool
     hidden: Hidden
 
+    def require_valid(self) -> None:
+        """Raise ``ValueError`` or ``TypeError`` that names the parameter which is not."""
+        if self.depth_kind is not None:
+            require_choice("depth_kind", self.depth_kind, DEPTH_KINDS)
+            _require_planes_of(self.depth_kind, self.near, self.far, self.clip, self.reverse)
+        require_choice("hidden", self.hidden, HIDDEN)
+        require_flag("antialiased", self.antialiased)
+        for name, value, least in (
+            ("background", self.background, 0.0),
+            ("depth_scale", self.depth_scale, NEAREST),
+        ):
+            if value is not None:
+                require_number(name, value)
+                if not value >= least:
+                    raise ValueError(f"{name}={value}: must be >= {least:g} scene units")
+
 
 class SampledImage(NamedTuple):
     """A picture as samples: its camera, its lens, the names of its surfaces, and its columns."""
@@ -68,10 +87,12 @@ class SampledImage(NamedTuple):
 
 def image_of_file(
     path: str | os.PathLike[str],
-    depth: str | os.PathLike[str] | None,
+    depth: Any,
     camera: Camera | float | None,
     lens: ThinLens | Mapping[str, Any] | None,
     described: Described,
+    surface: Any,
+    surfaces: Mapping[int, str] | None,
     layer: str | None,
     depth_channel: str | None,
 ) -> SampledImage:
@@ -80,14 +101,21 @@ def image_of_file(
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`; errors name
     the file.
     """
-    file = PictureFile(path)
+    described.require_valid()
+    file, is_array = PictureFile(path), _is_array(depth)
+    of_depth = str(path) if depth is None or is_array else str(depth)
     if depth is None and is_deep(file):
+        if layer is not None or depth_channel is not None or surface is not None:
+            raise ValueError(
+                f"{path}: is deep, of which layer, depth_channel and surface have no meaning"
+            )
         return _image_of_deep(read_deep(file), str(path), camera, lens, described)
-    picture = read_picture(file, depth, layer=layer, depth_channel=depth_channel)
-    known, name = picture.frame.known, str(depth or path)
+    values = np.asarray(depth) if is_array else depth
+    picture = read_picture(file, values, layer=layer, depth_channel=depth_channel)
+    known = picture.frame.known
     camera, lens = camera_and_lens(picture.frame, str(path), camera, lens)
     values = picture.depth
-    if described.depth_kind is None and known is not None:
+    if known is not None and described.depth_kind in (None, known.kind):
         alpha = picture.rgb[..., 3] if picture.rgb.shape[2] == 4 else None
         if known.filtered:
             from .filtered_depth import unfiltered  # See with_layers.
@@ -96,12 +124,19 @@ def image_of_file(
         elif known.zero_is_none:
             values = np.where(values == 0, np.inf, values)
     scale = described.depth_scale or 1
-    described = _as_known(described, known, name, lambda: bending(values * scale, camera))
+    described = _as_known(described, known, of_depth, lambda: bending(values * scale, camera))
+    if surface is None and picture.surface is not None:
+        surface, surfaces = picture.surface, surfaces or picture.surfaces
     try:
-        names = None if picture.surface is None else picture.surfaces
-        return image_of_arrays(picture.rgb, values, camera, lens, described, picture.surface, names)
+        return image_of_arrays(picture.rgb, values, camera, lens, described, surface, surfaces)
     except ValueError as error:
+        name = of_depth if str(error).startswith("depth") else path
         raise ValueError(f"{name}: {error}") from error
+
+
+def _is_array(depth: Any) -> bool:
+    """Whether a depth is one of numbers, and neither a file nor left out."""
+    return depth is not None and not isinstance(depth, (str, os.PathLike))
 
 
 def _as_known(
@@ -111,13 +146,13 @@ def _as_known(
 
     ``bent`` tells how planes are bent. Raises ``ValueError`` where nothing says which kind it is.
     """
-    if described.depth_kind is not None:
-        return described
-    if known is None:
+    if described.depth_kind is None and known is None:
         raise ValueError(
             f"{name}: no file says whether its depth is along the axis (z) or the ray (distance); "
             f"{verdict(bent())}; give depth_kind, one of {', '.join(DEPTH_KINDS)}"
         )
+    if known is None or described.depth_kind not in (None, known.kind):
+        return described
     if described.background is None:
         described = described._replace(background=known.background)
     return described._replace(depth_kind=cast(DepthKind, known.kind))
@@ -133,8 +168,11 @@ def _image_of_deep(
     """A deep picture of another program, which knows of what is hidden by itself."""
     camera, lens = camera_and_lens(image.frame, name, camera, lens)
     described = _as_known(described, image.frame.known, name, lambda: {"z": math.nan})
-    z = _z(image.depth * (described.depth_scale or 1), image.x, image.y, camera, described)
-    radius = widest_radius_per_vergence(lens, camera, float(z.min()))
+    try:
+        z = _z(_scaled(image.depth, described), image.x, image.y, camera, described)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+    radius = widest_radius_per_vergence(lens, camera, min(float(z.min()), FARTHEST))
     return SampledImage(camera, lens, {1: "surface"}, columns_of_deep(image, z, radius))
 
 
@@ -151,11 +189,19 @@ def image_of_arrays(
 
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`.
     """
-    rgb = np.asarray(rgb, np.float32)
+    described.require_valid()
+    rgb = np.asarray(rgb)
+    if rgb.dtype.kind not in "f":
+        raise TypeError(
+            f"rgb: its type is {rgb.dtype}, must be floats, linear; a file of whole numbers is sRGB"
+        )
+    rgb = rgb.astype(np.float32, copy=False)
     if rgb.ndim != 3 or rgb.shape[2] not in (3, 4) or rgb.size == 0:
         raise ValueError(f"rgb: its shape is {rgb.shape}, must be (height, width, 3 or 4)")
     if depth is None:
         raise ValueError("depth=None: must be the depth of the pixels of an array")
+    if not _is_array(depth):
+        depth = read_depth(depth)
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, or rgb the name of a file")
     size, depth = rgb.shape[:2], _scaled(np.asarray(depth), described)
@@ -164,8 +210,6 @@ def image_of_arrays(
     if camera is None:
         raise ValueError("camera=None: must be a Camera, or the field of view in degrees")
     camera = _camera(camera, size)
-    require_choice("hidden", described.hidden, HIDDEN)
-    require_flag("antialiased", described.antialiased)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
     x, y = x + camera.crop_offset[0], y + camera.crop_offset[1]
     z = _z(depth, x, y, camera, described)
@@ -189,7 +233,7 @@ def image_of_arrays(
         "surface": ids.ravel(),
         "weight": np.ones(depth.size),
     }
-    radius = widest_radius_per_vergence(lens, camera, float(z.min()))
+    radius = widest_radius_per_vergence(lens, camera, min(float(z.min()), FARTHEST))
     columns = with_layers(columns, z, radius, described.antialiased, described.hidden)
     return SampledImage(camera, lens, surfaces, columns)
 
@@ -197,15 +241,17 @@ def image_of_arrays(
 def _scaled(depth: np.ndarray, described: Described) -> np.ndarray:
     """Depths as float64; whole numbers are codes, of which 0 says that nothing is known."""
     scale = described.depth_scale
-    if scale is not None:
-        require_number("depth_scale", scale)
-        if scale <= 0:
-            raise ValueError(f"depth_scale={scale}: must be > 0 scene units")
-    if not np.issubdtype(depth.dtype, np.integer):
+    if depth.dtype.kind == "f":
         return depth.astype(np.float64) * (1 if scale is None else scale)
+    if depth.dtype.kind not in "iu":
+        raise TypeError(f"depth: its type is {depth.dtype}, must be numbers")
     if described.depth_kind == "ndc":
-        stored = depth / np.iinfo(depth.dtype).max
-        return ndc_from_stored(stored, described.clip)
+        if depth.dtype.kind != "u" or scale is not None:
+            raise ValueError(
+                f"depth: {depth.dtype}, depth_scale={scale}: must be unsigned whole numbers "
+                "without a scale, of all their bits, or floats, for an NDC depth"
+            )
+        return ndc_from_stored(depth / np.iinfo(depth.dtype).max, described.clip)
     if scale is None:
         raise ValueError(
             "depth_scale=None: must be what 1 of these whole numbers is in scene units, such as "
@@ -225,30 +271,25 @@ def _z(
             f"depth_kind=None: must be one of {', '.join(DEPTH_KINDS)}; nothing in the numbers "
             f"says it, but {verdict(bending(depth, camera))}"
         )
-    require_choice("depth_kind", kind, DEPTH_KINDS)
-    if background is not None:
-        require_number("background", background)
-        if background <= 0:
-            raise ValueError(f"background={background}: must be > 0 scene units")
-    near, far, clip, reverse = described[1:5]
-    _require_planes_of(kind, near, far, clip, reverse)
     if kind == "ndc":
-        assert near is not None
+        assert described.near is not None
         _require_each_pixel("depth", depth, np.isfinite(depth), "finite")
+        near, far, clip, reverse = described[1:5]
         z = depth_from_ndc(depth, near, far, clip=clip, reverse=reverse)
     elif kind == "inverse":
         valid = (depth >= 0) & np.isfinite(depth)
         _require_each_pixel("depth", depth, valid, ">= 0 and finite")
         z = depth_from_vergence(depth)
     else:
-        allowed = "> 0, or inf where nothing was hit"
-        _require_each_pixel("depth", depth, depth > 0, allowed)
-        _require_each_pixel("depth", depth, depth >= NEAREST, f">= {NEAREST:g}")
+        if background == 0:
+            depth = np.where((depth == 0) | np.isnan(depth), np.inf, depth)
+        allowed = (
+            f">= {NEAREST:g}, or inf where nothing was hit; background=0 says that nothing is "
+            "where it is 0 or not a number"
+        )
+        _require_each_pixel("depth", depth, depth >= NEAREST, allowed)
         z = depth if kind == "z" else depth_from_ray_length(depth, x, y, camera)
-    z = np.where(z >= (math.inf if background is None else background), np.inf, z)
-    if not (z < np.inf).any():
-        raise ValueError("depth: nothing is nearer than infinitely far")
-    return z
+    return np.where(z >= (background or math.inf), np.inf, z)
 
 
 def _camera(camera: Camera | float, size: tuple[int, ...]) -> Camera:

@@ -13,7 +13,7 @@ import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypedDict, cast
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -189,8 +189,7 @@ class PointSamples(Columns):
         ============================  ==========================================================
         ``rgb``                       float (H, W, 3), linear sRGB; or (H, W, 4), with alpha that
                                       they are multiplied by; or a file: EXR, PNG, JPEG, TIFF
-        ``depth``                     (H, W), times ``depth_scale``; or a file, ``.npy``, too; by
-                                      default that in the file of ``rgb``
+        ``depth``                     (H, W), times ``depth_scale``; or a file (default: ``rgb``'s)
         ``camera``                    whose crop window the picture shows; or its horizontal field
                                       of view in degrees; by default what the file says
         ``lens``                      with a file some of its parameters are enough, in a mapping,
@@ -202,10 +201,9 @@ class PointSamples(Columns):
         ``near``, ``far``             planes of an NDC depth in scene units, with ``clip`` and
         ``clip``, ``reverse``         ``reverse`` as in
                                       :func:`potmesil_mi.optics.depth.depth_from_ndc`
-        ``background``                z from which on nothing was hit, as in Blender 1e10
+        ``background``                z from which on nothing was hit; 0: where it is 0 or NaN
         ``surface``, ``surfaces``     uint32 (H, W), ids and names; by default the file's, or 1
-        ``antialiased``               whether pixels on silhouettes show both sides: they become
-                                      two samples, so that neither is blurred as the other
+        ``antialiased``               whether pixels on silhouettes show both sides, and are parted
         ``hidden``                    behind near edges ``farther`` things go on, or ``none``
         ``layer``, ``depth_channel``  names in the file, where it has several
         ============================  ==========================================================
@@ -213,16 +211,18 @@ class PointSamples(Columns):
         The samples serve this lens and any that is not wider. Raises ``ValueError`` for arrays of
         other sizes, a depth that is NaN or out of bounds (an NDC depth may be before the near
         plane), planes that are missing or that no other kind has, ids that are not 0 to 2^32 - 1,
-        files that cannot be read or do not say all that must be known; ``TypeError`` for ids that
-        are no whole numbers, ``OSError`` where there is no file.
+        files that cannot be read or do not say enough; ``TypeError`` for ids that are no whole
+        numbers, ``OSError`` where there is no file.
         """
         said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
-        described = Described(*said)
+        described, names = Described(*said), (surface, surfaces)
         if isinstance(rgb, (str, os.PathLike)):
-            paths = rgb, cast("str | None", depth)
-            image = image_of_file(*paths, camera, lens, described, layer, depth_channel)
+            both = *names, layer, depth_channel
+            image = image_of_file(rgb, depth, camera, lens, described, *both)
+        elif layer is not None or depth_channel is not None:
+            raise ValueError(f"layer={layer}, depth_channel={depth_channel}: are names in a file")
         else:
-            image = image_of_arrays(rgb, depth, camera, lens, described, surface, surfaces)
+            image = image_of_arrays(rgb, depth, camera, lens, described, *names)
         return cls(**image.columns, camera=image.camera, lens=image.lens, surfaces=image.surfaces)
 
     @property

@@ -20,24 +20,34 @@ RIGHT_UP_FORWARD = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
 def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dict[str, Any]:
-    """The attributes of a picture: numbers, pairs, matrices (4, 4) and text.
+    """The attributes of a picture: numbers, pairs, matrices (4, 4), text, and its two windows.
 
     ``aperture`` (f-number), ``focus`` (m), ``nominalFocalLength`` (mm), ``sensorOverallDimensions``
-    (mm), ``screenWindowWidth`` (of the plane at distance 1), and ``worldToCamera``, which acts on
-    rows; beside them ``potmesil:millimeters_per_unit`` and ``potmesil:lens``, the lens as JSON.
-    An orthographic camera and its lens have the last two and ``worldToCamera`` alone.
+    (mm), ``screenWindowWidth`` and ``screenWindowCenter`` (in the plane at distance 1), and
+    ``worldToCamera``, which acts on rows; beside them ``potmesil:millimeters_per_unit`` and
+    ``potmesil:lens``, the lens as JSON.
+    An orthographic camera and its lens have the last two and ``worldToCamera`` alone. The windows
+    are left, top, width and height.
     """
     plain = lens.plain()
     view = (RIGHT_UP_FORWARD @ np.asarray(camera.camera_from_world())).T
-    found: dict[str, Any] = {"worldToCamera": view, "potmesil:lens": json.dumps(plain.to_dict())}
+    width, height = camera.film_size
+    found: dict[str, Any] = {
+        "worldToCamera": view,
+        "potmesil:lens": json.dumps(lens.to_dict()),
+        "displayWindow": (0, 0, width, height),
+        "dataWindow": (*camera.crop_offset, *camera.crop_size),
+    }
     if not isinstance(plain, ThinLens):
         return found
-    width, height = camera.film_size
+    window = 2 * math.tan(math.radians(camera.x_fov) / 2)
+    across, down = camera.principal_point_offset
     found |= {
         "focus": plain.focus_distance * plain.millimeters_per_unit / 1000,
         "nominalFocalLength": plain.focal_length,
         "sensorOverallDimensions": (plain.frame_width, plain.frame_width * height / width),
-        "screenWindowWidth": 2 * math.tan(math.radians(camera.x_fov) / 2),
+        "screenWindowWidth": window,
+        "screenWindowCenter": (across * window, -down * window * height / width),
         "potmesil:millimeters_per_unit": plain.millimeters_per_unit,
     }
     if math.isfinite(plain.f_number):

@@ -1,5 +1,6 @@
 """Pictures of other programs in files: channels, headers, kinds of depth, what is not trusted."""
 
+import dataclasses
 import json
 import math
 import subprocess
@@ -13,11 +14,14 @@ import OpenImageIO as oiio
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi._image import write_picture
 from potmesil_mi.cli import main
 from potmesil_mi.evaluation import metrics, thinlens_sensor
 from potmesil_mi.optics.depth import camera_of, ndc_from_depth, ray_length_from_depth
 from potmesil_mi.optics.planarity import bending, verdict
 from potmesil_mi.pictures.reading import PictureFile
+from potmesil_mi.samples.filtered_depth import unfiltered
+from potmesil_mi.samples.standard import standard_attributes
 from scenes import still_life
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -117,6 +121,10 @@ def projection():
     return matrix
 
 
+TO_01 = np.array([[0.5, 0, 0, 0], [0, -0.5, 0, 0], [0, 0, 1, 0], [0.5, 0.5, 0, 1]], np.float32)
+"""From NDC of -1 to 1 to those of 0 to 1 from the upper left, of rows."""
+
+
 HEADERS = {
     "V-Ray": (
         {
@@ -143,6 +151,10 @@ HEADERS = {
     ),
     "RenderMan": (
         {"worldToCamera": VIEW, "worldToNDC": VIEW @ projection()},
+        {"lens": LENS, "depth_kind": "z"},
+    ),
+    "the standard's NDC": (
+        {"worldToCamera": VIEW, "worldToNDC": VIEW @ projection() @ TO_01},
         {"lens": LENS, "depth_kind": "z"},
     ),
     "Redshift": (
@@ -180,7 +192,7 @@ def test_blenders_picture_needs_but_aperture_focus_and_sensor(tmp_path):
 def test_what_a_file_does_not_say_is_asked_for_all_at_once(tmp_path):
     rgb, z = picture()
     path = write_exr(tmp_path / "a.exr", {**rgb_channels(rgb), "Z": in_float32(z)})
-    with pytest.raises(ValueError, match=r"a\.exr.*fov.*f_number.*millimeters.*focus_distance"):
+    with pytest.raises(ValueError, match=r"a\.exr.*fov.*f_number.*focus_distance.*millimeters"):
         pm.PointSamples.from_image(path)
 
 
@@ -355,6 +367,134 @@ def test_mitsubas_own_depth_gives_pictures_as_good_as_first_hits(tmp_path, rfilt
     assert of_file >= of_samples - 0.5, (of_file, of_samples)
 
 
+# ---------------------------------------------------------------- what is easily mistaken
+
+
+def test_mitsubas_depth_without_alpha_has_a_sky():
+    _, z = picture()
+    found = unfiltered(np.where(np.isinf(z), 0, z), None)
+    assert np.isinf(found[:4]).all()
+    assert set(found[14:].ravel()) <= set(z.ravel())
+
+
+def test_normals_are_no_depth(tmp_path):
+    rgb, z = picture()
+    normals = {f"{axis}": np.full(z.shape, 0.5, np.float32) for axis in "XYZ"}
+    for more in ({f"normals.{name}": of for name, of in normals.items()}, normals):
+        channels = {**rgb_channels(rgb), "depth": in_float32(z)}
+        path = write_exr(tmp_path / "a.exr", channels, more)
+        found = pm.PointSamples.from_image(path, camera=FOV, lens=LENS, depth_kind="z")
+        same(found, expected())
+
+
+def test_signed_whole_numbers_ask_for_their_scale_too(tmp_path):
+    rgb, z = picture()
+    colours = write_exr(tmp_path / "a.exr", rgb_channels(rgb))
+    codes = np.where(np.isinf(z), 0, np.minimum(z, 30) * 1000).astype(np.int16)
+    depth = write_image(tmp_path / "d.tif", codes)
+    options = {"camera": FOV, "lens": LENS, "depth_kind": "z"}
+    with pytest.raises(ValueError, match="depth_scale=None"):
+        pm.PointSamples.from_image(colours, depth, **options)
+    found = pm.PointSamples.from_image(colours, depth, depth_scale=0.001, **options)
+    assert found.z.min() == pytest.approx(2.0)
+
+
+def test_files_and_arrays_go_together(tmp_path):
+    rgb, z = picture()
+    colours, options = write_exr(tmp_path / "a.exr", rgb_channels(rgb)), {"depth_kind": "z"}
+    np.save(tmp_path / "z.npy", z)
+    lens = pm.ThinLens.of_field_of_view(FOV, **LENS)
+    same(pm.PointSamples.from_image(colours, z, camera=FOV, lens=LENS, **options), expected())
+    path = str(tmp_path / "z.npy")
+    same(pm.PointSamples.from_image(rgb, path, camera=FOV, lens=lens, **options), expected())
+
+
+def test_what_is_known_of_a_program_holds_where_its_kind_is_said(tmp_path):
+    rgb, z = picture()
+    path = write_exr(
+        tmp_path / "a.exr",
+        rgb_channels(rgb, "V.Combined."),
+        {"V.Depth.Z": in_float32(z, 1e10)},
+    )
+    lens = {"f_number": 2.0, "focus_distance": 3.0}
+    found = pm.PointSamples.from_image(path, camera=FOV, lens=lens, depth_kind="z")
+    assert np.isinf(found.z).sum() == np.isinf(expected().z).sum()
+
+
+def test_where_nothing_is_known_may_be_said_to_be_nothing():
+    rgb, z = picture()
+    holes = np.where(np.isinf(z), 0, z)
+    holes[0, 0] = np.nan
+    lens = pm.ThinLens.of_field_of_view(FOV, **LENS)
+    options = {"camera": FOV, "lens": lens, "depth_kind": "z"}
+    with pytest.raises(ValueError, match="background=0"):
+        pm.PointSamples.from_image(rgb, holes, **options)
+    same(pm.PointSamples.from_image(rgb, holes, background=0, **options), expected())
+    nothing = pm.PointSamples.from_image(rgb, np.full_like(z, np.inf), **options)
+    assert np.isfinite(np.array(pm.focus(nothing))).all()
+
+
+def test_an_overscan_is_left_out(tmp_path):
+    rgb, z = picture()
+    window = {
+        "dataWindow": (np.array([-3, -2], np.int32), np.array([26, 17], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([23, 15], np.int32)),
+    }
+    path = write_exr(tmp_path / "a.exr", {**rgb_channels(rgb), "Z": in_float32(z)}, **window)
+    found = pm.PointSamples.from_image(path, camera=FOV, lens=LENS, depth_kind="z")
+    assert found.camera.crop_size == found.camera.film_size == (24, 16)
+    first = found.crop_window.pixel_of(found.x, found.y)[: 24 * 16]
+    np.testing.assert_array_equal(first, np.arange(24 * 16))
+    np.testing.assert_allclose(found.z[: 24 * 16], z[2:18, 3:27].ravel(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"focus_distance": math.inf},
+        {"aperture": "polygon:blades=6", "squeeze": 1.5, "film": "focused"},
+        {"f_number": math.inf},
+    ],
+)
+def test_a_crop_that_this_package_wrote_is_read_as_it_was(tmp_path, changes):
+    rgb, z = picture()
+    lens = pm.ThinLens.of_field_of_view(FOV, **LENS).replace(**changes)
+    camera = dataclasses.replace(
+        camera_of(FOV, (60, 40), (0.1, -0.05)), crop_offset=(20, 10), crop_size=SIZE
+    )
+    said, maps = standard_attributes(camera, lens), {"Z": in_float32(z)}
+    write_picture(rgb, tmp_path / "a.exr", said, maps)
+    found = pm.PointSamples.from_image(tmp_path / "a.exr")
+    assert found.camera.film_size == (60, 40)
+    assert (found.camera.crop_offset, found.camera.crop_size) == ((20, 10), SIZE)
+    assert found.camera.x_fov == pytest.approx(FOV, abs=1e-4)
+    np.testing.assert_allclose(found.camera.principal_point_offset, (0.1, -0.05), atol=1e-6)
+    assert found.lens.to_dict() == lens.to_dict()
+
+
+def test_grey_with_alpha_and_what_contradicts_itself(tmp_path):
+    _, z = picture()
+    grey = np.full((*SIZE[::-1], 2), (188, 51), np.uint8)
+    np.save(tmp_path / "z.npy", z)
+    png = write_image(tmp_path / "a.png", grey, **{"oiio:UnassociatedAlpha": 1})
+    options = {"lens": LENS, "depth_kind": "z", "antialiased": False}
+    found = pm.PointSamples.from_image(png, tmp_path / "z.npy", camera=FOV, **options)
+    np.testing.assert_allclose(found.alpha, 0.2, atol=1e-6)
+    np.testing.assert_allclose(found.rgb, 0.2 * 0.5029, atol=1e-4)
+    for lens, camera, problem in (
+        ({**LENS, "focal_length": 50, "frame_width": 100}, FOV, "give one of them"),
+        (LENS, 0, "camera=0"),
+        ({**LENS, "half_angle": 3}, FOV, "half_angle"),
+        ({**LENS, "focus_distance": 0}, FOV, "focus_distance"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            pm.PointSamples.from_image(
+                png, tmp_path / "z.npy", camera=camera, lens=lens, depth_kind="z"
+            )
+    with pytest.raises(TypeError, match="rgb: its type is uint8"):
+        pm.PointSamples.from_image(grey, z, camera=FOV, lens=LENS, depth_kind="z")
+
+
 # ---------------------------------------------------------------- nothing is trusted
 
 
@@ -470,6 +610,7 @@ class Blocked:
             raise ImportError(name)
 
 sys.meta_path.insert(0, Blocked())
+from potmesil_mi._image import write_picture
 from potmesil_mi.cli import main
 
 lens = ["--f-number", "0.2", "--focus-distance", "2.2", "--frame-width", "36"]
