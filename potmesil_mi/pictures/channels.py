@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from .reading import Part, PictureFile
+from .reading import PicturePart, PictureFile
 
 DEPTH = re.compile(r"(^|[.:])(z|depth(\.[zyvrt])?|[^.:]+\.t|distance(\.\w)?)$", re.IGNORECASE)
 """Names of channels of depth; the first that are Z of something else are left out."""
@@ -36,7 +36,7 @@ NAME_ONE = "say depth_channel, one of"
 class Channel(NamedTuple):
     """A channel of a part of a file."""
 
-    part: Part
+    part: PicturePart
     name: str
 
     @property

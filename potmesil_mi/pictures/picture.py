@@ -19,7 +19,7 @@ from .channels import (
     ids_of,
 )
 from .programs import KnownDepth, Optics, depth_known, optics_of
-from .reading import Part, PictureFile
+from .reading import PicturePart, PictureFile
 
 NUMPY = ".npy"
 """How files of NumPy end, in which a depth may be."""
@@ -39,7 +39,8 @@ class Frame:
     Field                         Meaning
     ============================  ==========================================================
     ``size``                      (width, height) in pixels
-    ``crop_offset``, ``film_size``  where in the whole picture it is, and how large that is
+    ``crop_offset``               where in the whole picture it is: left, top
+    ``film_size``                 of the whole picture: width, height
     ``optics``                    what the file says of the camera and its lens
     ``known``                     what the program that wrote it makes of depth; ``None`` where
                                   that is not known
@@ -54,7 +55,11 @@ class Frame:
 
     @classmethod
     def of(
-        cls, part: Part, attributes: Mapping[str, Any], known: KnownDepth | None, path: object
+        cls,
+        part: PicturePart,
+        attributes: Mapping[str, Any],
+        known: KnownDepth | None,
+        path: object,
     ) -> Frame:
         """That of a part of the file ``path``, without what is beyond its display window.
 
@@ -76,7 +81,7 @@ class Frame:
         offset = left - film[0], top - film[1]
         return cls((width, height), offset, (film[2], film[3]), optics, known)
 
-    def rows_and_columns(self, part: Part) -> tuple[slice, slice]:
+    def rows_and_columns(self, part: PicturePart) -> tuple[slice, slice]:
         """Those of a ``part`` that are in the picture; ``ValueError`` if it has not all."""
         left = self.crop_offset[0] + part.film[0] - part.box[0]
         top = self.crop_offset[1] + part.film[1] - part.box[1]

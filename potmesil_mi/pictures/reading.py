@@ -31,7 +31,7 @@ GAMMA = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".webp")
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class PicturePart:
     """A part of a file, of which nothing has been unpacked.
 
     ``name`` is empty where it is the only one. ``box`` is (left, top, width, height) of its pixels,
@@ -102,8 +102,8 @@ class PictureFile:
         except UnicodeError as error:
             raise ValueError(f"{self.path}: has names that are no text: {error}") from error
 
-    def _parts(self) -> list[Part]:
-        found: list[Part] = []
+    def _parts(self) -> list[PicturePart]:
+        found: list[PicturePart] = []
         with self._opened() as opened:
             while opened.seek_subimage(len(found), 0):
                 found.append(_part(len(found), opened.spec()))
@@ -111,7 +111,7 @@ class PictureFile:
                     raise ValueError(f"{self.path}: has more than {MOST_PARTS} parts")
         return [dataclasses.replace(found[0], name="")] if len(found) == 1 else found
 
-    def channels(self, part: Part, names: Sequence[str]) -> np.ndarray:
+    def channels(self, part: PicturePart, names: Sequence[str]) -> np.ndarray:
         """Some channels of a part, (height, width, n): float32, or whole numbers as they are.
 
         Raises ``ValueError`` where they cannot be read.
@@ -130,9 +130,9 @@ class PictureFile:
         return values[..., [i - first for i in index]]
 
 
-def _part(number: int, spec: Any) -> Part:
+def _part(number: int, spec: Any) -> PicturePart:
     kinds = [str(kind) for kind in spec.channelformats] or [str(spec.format)] * spec.nchannels
-    return Part(
+    return PicturePart(
         number,
         str(spec.getattribute("oiio:subimagename") or spec.getattribute("name") or ""),
         (spec.x, spec.y, spec.width, spec.height),
