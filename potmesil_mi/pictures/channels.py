@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from .reading import PicturePart, PictureFile
+from .reading import PictureFile, PicturePart
 
 DEPTH = re.compile(r"(^|[.:])(z|depth(\.[zyvrt])?|[^.:]+\.t|distance(\.\w)?)$", re.IGNORECASE)
 """Names of channels of depth; the first that are Z of something else are left out."""

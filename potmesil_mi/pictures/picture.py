@@ -19,7 +19,7 @@ from .channels import (
     ids_of,
 )
 from .programs import KnownDepth, Optics, depth_known, optics_of
-from .reading import PicturePart, PictureFile
+from .reading import PictureFile, PicturePart
 
 NUMPY = ".npy"
 """How files of NumPy end, in which a depth may be."""
