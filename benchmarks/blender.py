@@ -23,14 +23,21 @@ import sys
 from pathlib import Path
 
 import common
+import mitsuba as mi
 import numpy as np
 from common import OUTPUT, console
-from peers import VENV, read_rgb, run
+from peers import BLENDER, VENV, read_rgb, run
 
 from potmesil_mi.evaluation import metrics
+from potmesil_mi.pictures.channels import colours_of, depth_of
+from potmesil_mi.pictures.reading import PictureFile
 
 FOLDER = OUTPUT / "blender"
 SENSOR = 36.0
+"""Width of the sensor in millimetres."""
+
+FOCAL_LENGTH = 35.0
+"""In millimetres, as the scene has it."""
 
 SCENE = """
 import json, math, sys
@@ -129,38 +136,6 @@ if given["references"]:
 print("RESULT", json.dumps({"version": bpy.app.version_string}))
 """
 
-DEFOCUS = """
-import json, sys
-import bpy
-
-given = json.loads(sys.argv[1])
-scene = bpy.context.scene
-render = scene.render
-render.resolution_x, render.resolution_y = given["size"]
-render.resolution_percentage = 100
-render.compositor_device, render.compositor_precision = "CPU", "FULL"
-render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
-camera = bpy.data.cameras.new("camera")
-scene.camera = bpy.data.objects.new("camera", camera)
-scene.collection.objects.link(scene.camera)
-camera.lens, camera.sensor_width, camera.dof.focus_distance = 35.0, given["sensor"], given["focus"]
-tree = bpy.data.node_groups.new("tree", "CompositorNodeTree")
-scene.compositing_node_group = tree
-tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-output = tree.nodes.new("NodeGroupOutput")
-picture = tree.nodes.new("CompositorNodeImage")
-picture.image = bpy.data.images.load(given["pinhole"])
-node = tree.nodes.new("CompositorNodeDefocus")
-node.use_zbuffer, node.f_stop, node.blur_max = True, given["f_stop"], 200
-node.bokeh, node.scene = "CIRCLE", scene
-tree.links.new(picture.outputs["Combined"], node.inputs["Image"])
-tree.links.new(picture.outputs["Depth"], node.inputs["Z"])
-tree.links.new(node.outputs[0], output.inputs[0])
-bpy.ops.render.render()
-bpy.data.images["Render Result"].save_render(given["output"])
-print("RESULT {}")
-"""
-
 
 def main() -> None:
     options = common.parser(__doc__.splitlines()[0])
@@ -209,7 +184,12 @@ def compared(focus: float, arguments: argparse.Namespace) -> list[str]:
     }
     if job["references"] or not pinhole.exists():
         with_bpy(SCENE, job, arguments)
-    with_bpy(DEFOCUS, job, arguments)
+    picture, depth = combined(pinhole), z_of(pinhole)
+    for values, what in ((picture, "picture"), (depth[..., None], "depth")):
+        job[what] = str(FOLDER / f"{name}_{what}.exr")
+        mi.Bitmap(np.ascontiguousarray(values, np.float32)).write(str(job[what]))
+    job |= {"focal": FOCAL_LENGTH, "frame": SENSOR, "blur_max": 200, "repeats": 0, "long": 60}
+    with_bpy(BLENDER, job, arguments)
     formed = FOLDER / f"{name}_potmesil.exr"
     command = [sys.executable, "-m", "potmesil_mi", "focus", str(pinhole), "-o", str(formed)]
     lens = {"f-number": arguments.f_number, "focus-distance": focus, "frame-width": SENSOR}
@@ -221,11 +201,11 @@ def compared(focus: float, arguments: argparse.Namespace) -> list[str]:
     pictures = {
         "potmesil": read_rgb(formed),
         "defocus": read_rgb(Path(job["output"])),
-        "pinhole": combined(pinhole),
+        "pinhole": picture,
     }
     if arguments.images:
-        for what, picture in pictures.items():
-            common.write_png(FOLDER / f"{name}_{what}.png", picture)
+        for what, formed in pictures.items():
+            common.write_png(FOLDER / f"{name}_{what}.png", formed)
         common.write_png(FOLDER / f"{name}_reference.png", reference)
     noise = psnr(first, second) + 10 * np.log10(4)
     row = [f"{noise:.1f}"]
@@ -243,12 +223,15 @@ def psnr(picture: np.ndarray, reference: np.ndarray) -> float:
 
 def combined(path: Path) -> np.ndarray:
     """The picture in a multi-part EXR of Blender."""
-    from potmesil_mi.pictures.channels import colours_of
-    from potmesil_mi.pictures.reading import PictureFile
-
     file = PictureFile(path)
     channels = colours_of(file, None)
     return file.channels(channels[0].part, [of.name for of in channels[:3]])
+
+
+def z_of(path: Path) -> np.ndarray:
+    """Its depth."""
+    channel = depth_of(PictureFile(path), None, need=True)
+    return PictureFile(path).channels(channel.part, [channel.name])[..., 0]
 
 
 def with_bpy(script: str, job: dict[str, object], arguments: argparse.Namespace) -> None:
