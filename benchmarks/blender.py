@@ -25,7 +25,7 @@ from pathlib import Path
 import common
 import mitsuba as mi
 import numpy as np
-from common import OUTPUT, console
+from common import OUTPUT, console, srgb_psnr
 from peers import BLENDER, VENV, read_rgb, run
 
 from potmesil_mi.evaluation import metrics
@@ -207,18 +207,14 @@ def compared(focus: float, arguments: argparse.Namespace) -> list[str]:
         for what, formed in pictures.items():
             common.write_png(FOLDER / f"{name}_{what}.png", formed)
         common.write_png(FOLDER / f"{name}_reference.png", reference)
-    noise = psnr(first, second) + 10 * np.log10(4)
+    noise = srgb_psnr(first, second) + 10 * np.log10(4)
     row = [f"{noise:.1f}"]
     for what in ("potmesil", "defocus"):
         row += [
-            f"{psnr(pictures[what], reference):.2f}",
+            f"{srgb_psnr(pictures[what], reference):.2f}",
             f"{metrics.ssim(pictures[what], reference):.4f}",
         ]
-    return [*row, f"{psnr(pictures['pinhole'], reference):.2f}"]
-
-
-def psnr(picture: np.ndarray, reference: np.ndarray) -> float:
-    return metrics.psnr(metrics.srgb(picture), metrics.srgb(reference))
+    return [*row, f"{srgb_psnr(pictures['pinhole'], reference):.2f}"]
 
 
 def combined(path: Path) -> np.ndarray:

@@ -20,6 +20,8 @@ import scipy
 from rich.console import Console
 from rich.table import Table
 
+from potmesil_mi.evaluation import metrics
+
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = ROOT / "scenes" / "figure11.xml"
 OUTPUT = ROOT / "output"
@@ -80,6 +82,11 @@ def table(title: str, columns: Sequence[str]) -> Table:
     for number, column in enumerate(columns):
         result.add_column(column, justify="right" if number else "left")
     return result
+
+
+def srgb_psnr(picture: np.ndarray, reference: np.ndarray) -> float:
+    """PSNR in dB of sRGB, clipped to [0, 1], of linear RGB."""
+    return metrics.psnr(metrics.srgb(picture[..., :3]), metrics.srgb(reference))
 
 
 def peak_memory() -> float:

@@ -19,11 +19,11 @@ from pathlib import Path
 import common
 import mitsuba as mi
 import numpy as np
-from common import OUTPUT, console
+from common import OUTPUT, console, srgb_psnr
 from foreign_scenes import Case, scenes_in
 
 import potmesil_mi as pm
-from potmesil_mi.evaluation import metrics, thinlens_sensor
+from potmesil_mi.evaluation import thinlens_sensor
 
 FOLDER = OUTPUT / "flat_pictures"
 
@@ -129,12 +129,8 @@ def compared(
     if arguments.images:
         for what, picture in (*pictures.items(), ("reference", reference)):
             common.write_png(FOLDER / f"{name}_{what}.png", picture)
-    found = {what: psnr(picture, reference) for what, picture in pictures.items()}
-    return {**found, "noise": psnr(*halves) + 10 * np.log10(4)}
-
-
-def psnr(picture: np.ndarray, reference: np.ndarray) -> float:
-    return metrics.psnr(metrics.srgb(picture[..., :3]), metrics.srgb(reference))
+    found = {what: srgb_psnr(picture, reference) for what, picture in pictures.items()}
+    return {**found, "noise": srgb_psnr(*halves) + 10 * np.log10(4)}
 
 
 if __name__ == "__main__":

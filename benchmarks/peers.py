@@ -184,7 +184,7 @@ def show(rows: list[Row], inputs: Inputs, arguments: argparse.Namespace) -> None
             row.name,
             *times,
             f"{metrics.psnr(row.picture, reference):.2f}",
-            f"{metrics.psnr(metrics.srgb(row.picture), metrics.srgb(reference)):.2f}",
+            f"{common.srgb_psnr(row.picture, reference):.2f}",
             f"{metrics.ssim(row.picture, reference):.4f}",
             f"{metrics.flip(row.picture, reference):.4f}",
         )

@@ -52,6 +52,21 @@ def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> P
     return path
 
 
+def require_readable(path: str | os.PathLike[str]) -> Path:
+    """The path, if there is a file that can be read from its end.
+
+    Raises ``IsADirectoryError``, ``FileNotFoundError`` or another ``OSError`` that names it.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder, not a file")
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if not path.is_file():
+        raise OSError(f"{path}: is not a file that can be read from its end")
+    return path
+
+
 @contextlib.contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path``, which takes its place when the block has succeeded."""
@@ -126,14 +141,23 @@ def write_picture(
         _write(values, spec, temporary)
 
 
+def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
+    """The sRGB encoding of linear values from 0 to 1 (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
+    """The inverse of :func:`srgb_from_linear`."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
 def _in_srgb(linear: np.ndarray) -> np.ndarray:
     """8-bit sRGB of linear colours, which are clipped to [0, 1]; alpha stays linear."""
     values = np.clip(np.nan_to_num(linear), 0, 1)
     if values.shape[2] == 4:  # PNG has colours that are not multiplied by alpha.
         alpha = np.maximum(values[..., 3:], np.float32(1e-6))
         values[..., :3] = np.clip(np.nan_to_num(linear[..., :3]) / alpha, 0, 1)
-    rgb = values[..., :3]
-    values[..., :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    values[..., :3] = srgb_from_linear(values[..., :3])
     return (values * 255 + np.float32(0.5)).astype(np.uint8)
 
 
@@ -144,29 +168,26 @@ def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
     height, width, channels = values.shape
     spec = oiio.ImageSpec(width, height, channels, "float" if ending == ".exr" else "uint8")
     spec.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
+    texts = {name: value for name, value in said.items() if name not in WINDOWS}
     if ending == ".exr":
         spec.attribute("compression", "zip")
         if said.keys() >= WINDOWS:
             _place(spec, said["dataWindow"], said["displayWindow"])
-        for name, value in said.items():
+        for name, value in texts.items():
             name = OIIO_NAMES.get(name, name)
-            if name in WINDOWS:
-                continue
             if isinstance(value, np.ndarray):
                 spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
             elif isinstance(value, tuple):
                 spec.attribute(name, oiio.TypeDesc("float[2]"), value)
             else:
                 spec.attribute(name, value)
-    else:
-        spec.attribute("oiio:ColorSpace", "sRGB")
-        spec.attribute("CompressionQuality", JPEG_QUALITY)
-        for name, value in said.items() if ending == ".png" else ():
-            if name in WINDOWS:
-                continue
-            if isinstance(value, np.ndarray):
-                value = " ".join(f"{number:.9g}" for number in value.ravel())
-            spec.attribute(name, str(value))
+        return spec
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    spec.attribute("CompressionQuality", JPEG_QUALITY)
+    for name, value in texts.items() if ending == ".png" else ():
+        if isinstance(value, np.ndarray):
+            value = " ".join(f"{number:.9g}" for number in value.ravel())
+        spec.attribute(name, str(value))
     return spec
 
 

@@ -165,8 +165,10 @@ def add_sampling(command: argparse.ArgumentParser) -> None:
 
 def add_maps(command: argparse.ArgumentParser) -> None:
     """Add the option for maps beside the picture."""
+    from ..samples.maps import MAPS
+
     command.add_argument(
-        "--maps", nargs="+", choices=("depth", "coc", "id"), default=[],
+        "--maps", nargs="+", choices=MAPS, default=[],
         help="further channels of an EXR: Z, depth along the axis; coc, diameter of the circle of "
         "confusion in pixels, negative beyond the focus; id, of the surface",
     )  # fmt: skip

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from .._image import srgb_from_linear
+
 PIXELS_PER_DEGREE = 67.0
 """Pixels of the screen in a degree of the viewer's sight, for FLIP: its authors' default."""
 
@@ -108,8 +110,7 @@ def flip(picture: Any, reference: Any, *, pixels_per_degree: float = PIXELS_PER_
 
 def srgb(linear: Any) -> np.ndarray:
     """The sRGB encoding, 0 to 1, of linear values, which are clipped to [0, 1]."""
-    linear = np.clip(np.asarray(linear, dtype=np.float64), 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)
+    return srgb_from_linear(np.clip(np.asarray(linear, dtype=np.float64), 0, 1))
 
 
 def require_extra() -> None:

@@ -60,7 +60,6 @@ def bending(depth: Any, camera: Camera) -> dict[str, float]:
     flat = errors.min(axis=0) < FLAT
     if not flat.any():
         return dict.fromkeys(KINDS, math.nan)
-    # Planes that face the camera are planes for every kind but one.
     return dict(zip(KINDS, np.median(errors[:, flat], axis=1).tolist(), strict=True))
 
 
@@ -79,11 +78,6 @@ def _left_over(values: np.ndarray) -> float:
     """What is left of the best affine function, as a part of the mean."""
     rows, columns = (np.arange(size) - (size - 1) / 2 for size in values.shape)
     rest = values - values.mean()
-    rest = rest - np.outer(rows, np.ones(len(columns))) * _slope(rest, rows[:, None])
-    rest = rest - np.outer(np.ones(len(rows)), columns) * _slope(rest, columns[None])
+    for along in (rows[:, None], columns[None]):
+        rest = rest - along * (rest * along).sum() / np.broadcast_to(along**2, rest.shape).sum()
     return float(np.sqrt(np.mean(rest**2)) / max(abs(values.mean()), 1e-30))
-
-
-def _slope(values: np.ndarray, along: np.ndarray) -> float:
-    weight = np.broadcast_to(along, values.shape)
-    return float((values * weight).sum() / (weight**2).sum())

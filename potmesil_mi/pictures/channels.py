@@ -25,7 +25,7 @@ LONG_NAMES = {"red": "r", "green": "g", "blue": "b", "alpha": "a"}
 IDS = ("id", "surface")
 """Names of channels of ids, whole numbers."""
 
-CRYPTOMATTE = re.compile(r"^(?P<name>.*crypto\w*?)00\.(?P<channel>r|red)$", re.IGNORECASE)
+CRYPTOMATTE = re.compile(r"crypto\w*?00\.(r|red)$", re.IGNORECASE)
 """The channel of the ids that take most of each pixel."""
 
 
@@ -70,9 +70,7 @@ def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
         chosen = [name for name in (*coloured, *grey) if name.lower() == layer.lower()]
     else:
         ranked = [*coloured] or [name for name in grey if not DEPTH.search(f"{name}.y")]
-        chosen = sorted(
-            ranked, key=lambda name: _rank(name.rpartition(".")[2].lower(), len(ranked))
-        )
+        chosen = sorted(ranked, key=_rank)
     if not chosen:
         there = ", ".join(repr(name) for name in (*coloured, *grey)) or "none"
         asked = "no layer of colours" if layer is None else f"layer={layer!r}: there is none"
@@ -85,8 +83,10 @@ def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
     return own
 
 
-def _rank(name: str, otherwise: int) -> int:
-    return MAIN_LAYERS.index(name) if name in MAIN_LAYERS else len(MAIN_LAYERS) + otherwise
+def _rank(layer: str) -> int:
+    """Where the last name of a layer is among those that show the picture."""
+    name = layer.rpartition(".")[2].lower()
+    return MAIN_LAYERS.index(name) if name in MAIN_LAYERS else len(MAIN_LAYERS)
 
 
 def depth_of(file: PictureFile, wanted: str | None, need: bool) -> Channel | None:
@@ -132,7 +132,7 @@ def ids_of(file: PictureFile) -> Channel | None:
     """The channel of ids: the first Cryptomatte, or whole numbers named ``id``."""
     every = every_channel(file)
     for channel in every:
-        if CRYPTOMATTE.match(channel.name):
+        if CRYPTOMATTE.search(channel.name):
             return channel
     for channel in every:
         whole = channel.part.kinds[channel.part.channels.index(channel.name)].startswith("uint")

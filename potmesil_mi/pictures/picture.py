@@ -10,14 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .channels import (
-    CRYPTOMATTE,
-    Channel,
-    colours_of,
-    depth_of,
-    every_channel,
-    ids_of,
-)
+from .._image import linear_from_srgb
+from .channels import CRYPTOMATTE, Channel, colours_of, depth_of, every_channel, ids_of
 from .programs import KnownDepth, Optics, depth_known, optics_of
 from .reading import PictureFile, PicturePart
 
@@ -81,14 +75,17 @@ class Frame:
         offset = left - film[0], top - film[1]
         return cls((width, height), offset, (film[2], film[3]), optics, known)
 
-    def rows_and_columns(self, part: PicturePart) -> tuple[slice, slice]:
-        """Those of a ``part`` that are in the picture; ``ValueError`` if it has not all."""
+    def rows_and_columns(self, part: PicturePart, path: object) -> tuple[slice, slice]:
+        """Those of a ``part`` of the file ``path`` that are in the picture.
+
+        Raises ``ValueError`` if it has not all of them.
+        """
         left = self.crop_offset[0] + part.film[0] - part.box[0]
         top = self.crop_offset[1] + part.film[1] - part.box[1]
         (width, height), (_, _, wide, high) = self.size, part.box
         if left < 0 or top < 0 or left + width > wide or top + height > high:
             raise ValueError(
-                f"its data window {part.box} does not cover {width}x{height} pixels at "
+                f"{path}: its data window {part.box} does not cover {width}x{height} pixels at "
                 f"{self.crop_offset} of the picture"
             )
         return slice(top, top + height), slice(left, left + width)
@@ -149,24 +146,20 @@ def read_picture(
         others = [of.name for of in every_channel(file)]
         known = depth_known(attributes, of_depth.name, others)
     frame = Frame.of(part, attributes, known, file.path)
-    rgb = _linear(file, colours)[frame.rows_and_columns(part)]
+    rgb = _linear(file, colours)[frame.rows_and_columns(part, file.path)]
     surface: np.ndarray | None = None
     surfaces: dict[int, str] = {}
-    try:
-        if of_depth is not None:
-            values = file.channels(of_depth.part, [of_depth.name])[..., 0]
-            values = values[frame.rows_and_columns(of_depth.part)]
-        elif isinstance(depth, np.ndarray):
-            values = depth
-        else:
-            assert depth is not None
-            values = read_depth(depth, depth_channel, frame)
-        if ids is not None:
-            surface, surfaces = _surfaces(file, ids)
-            surface = surface[frame.rows_and_columns(ids.part)]
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if ": " in text else f"{file.path}: {text}") from error
+    if of_depth is not None:
+        values = file.channels(of_depth.part, [of_depth.name])[..., 0]
+        values = values[frame.rows_and_columns(of_depth.part, file.path)]
+    elif isinstance(depth, np.ndarray):
+        values = depth
+    else:
+        assert depth is not None
+        values = read_depth(depth, depth_channel, frame)
+    if ids is not None:
+        surface, surfaces = _surfaces(file, ids)
+        surface = surface[frame.rows_and_columns(ids.part, file.path)]
     if values.shape != rgb.shape[:2]:
         raise ValueError(
             f"{file.path if depth is None or isinstance(depth, np.ndarray) else depth}: its depth "
@@ -196,10 +189,7 @@ def read_depth(
         found = red[0]
     values = file.channels(found.part, [found.name])[..., 0]
     if frame is not None and found.part.film[2:] == frame.film_size:
-        try:
-            values = values[frame.rows_and_columns(found.part)]
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        values = values[frame.rows_and_columns(found.part, path)]
     return values
 
 
@@ -227,8 +217,7 @@ def _linear(file: PictureFile, colours: list[Channel]) -> np.ndarray:
     if values.shape[2] < 3:
         values = np.concatenate([np.repeat(values[..., :1], 3, axis=2), values[..., 1:]], axis=2)
     if whole:
-        rgb = values[..., :3]
-        values[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        values[..., :3] = linear_from_srgb(values[..., :3])
     separate = file.is_gamma or bool(colours[0].part.attributes.get("oiio:UnassociatedAlpha"))
     if separate and values.shape[2] == 4:
         values[..., :3] *= values[..., 3:]
@@ -238,8 +227,7 @@ def _linear(file: PictureFile, colours: list[Channel]) -> np.ndarray:
 def _surfaces(file: PictureFile, ids: Channel) -> tuple[np.ndarray, dict[int, str]]:
     """The ids of pixels, uint32 (H, W), and their names."""
     values = file.channels(ids.part, [ids.name])[..., 0]
-    match = CRYPTOMATTE.match(ids.name)
-    if match is None:
+    if not CRYPTOMATTE.search(ids.name):
         return values.astype(np.uint32), {}
     # A Cryptomatte keeps the bits of whole numbers as a float's.
     surface = np.ascontiguousarray(values, np.float32).view(np.uint32)

@@ -47,19 +47,18 @@ FULL_FRAME = 36.0
 class KnownDepth(NamedTuple):
     """What is known of the depth that a program writes.
 
-    ``background`` is the z from which on nothing was hit; with ``zero_is_none`` it is where the
-    depth is 0, and with ``filtered`` the depth of a pixel is a mean.
+    ``background`` is the z from which on nothing was hit; with ``filtered`` the depth of a
+    pixel is a mean, in which what was not hit is 0.
     """
 
     program: str
     kind: str
     background: float | None = None
-    zero_is_none: bool = False
     filtered: bool = False
 
 
 BLENDER = KnownDepth("Blender", "z", background=1e10)
-MITSUBA = KnownDepth("Mitsuba", "distance", zero_is_none=True, filtered=True)
+MITSUBA = KnownDepth("Mitsuba", "distance", filtered=True)
 VRAY = KnownDepth("V-Ray", "z")
 OWN = KnownDepth("potmesil_mi", "z")
 

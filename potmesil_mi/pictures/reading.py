@@ -6,10 +6,11 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .._image import require_readable
 
 MOST_CHANNELS = 1024
 """Channels of all parts of a file together, at most."""
@@ -63,11 +64,7 @@ class PictureFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        if self.path.is_dir():
-            raise IsADirectoryError(f"{self.path}: is a folder, not a file")
-        if not self.path.is_file():
-            raise FileNotFoundError(f"{self.path}: there is no such file")
+        self.path = require_readable(path)
         self.parts = self._parts()
         needed = sum(part.nbytes for part in self.parts if not part.deep)
         size = self.path.stat().st_size

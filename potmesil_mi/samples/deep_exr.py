@@ -217,12 +217,9 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
     absent = [name for name in names if name not in channels]
     if absent:
         raise ValueError(f"is damaged or not of this version: it has no channel {absent[0]}")
-    pixels = {name: channels[name].pixels.ravel() for name in names}
-    counts = np.array([0 if values is None else len(values) for values in pixels["Z"]])
-    full = np.flatnonzero(counts)
-    if not len(full):
+    counts, flat = flattened({name: channels[name].pixels for name in names})
+    if not flat:
         return None
-    flat = {name: np.concatenate(column[full].tolist()) for name, column in pixels.items()}
     weight, alpha = flat["potmesil.weight"], flat["potmesil.alpha"]
     x, y = flat["potmesil.x"], flat["potmesil.y"]
     if version == 1:
@@ -248,6 +245,20 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         time=flat.get(_TIME),
         **_vectors(flat),
     )
+
+
+def flattened(pixels: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """How many samples each pixel has, row by row, and the channels of all of them, one by one.
+
+    ``pixels`` are arrays (H, W) of arrays, as OpenEXR has them; ``Z`` is among them. There are no
+    channels where there are no samples.
+    """
+    columns = {name: of.ravel() for name, of in pixels.items()}
+    counts = np.array([0 if values is None else len(values) for values in columns["Z"]])
+    full = np.flatnonzero(counts)
+    if not len(full):
+        return counts, {}
+    return counts, {name: np.concatenate(of[full].tolist()) for name, of in columns.items()}
 
 
 def _vectors(flat: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from .._image import require_writable, written_whole
+from .._image import require_readable, require_writable, written_whole
 from .columns import Columns, require_visibility_radius
 from .header import Header
 
@@ -61,13 +61,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Header, Columns]:
     does not hold the samples of this package, or holds samples of which no picture can be formed.
     Each names the file.
     """
-    path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, not a file")
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if not path.is_file():
-        raise OSError(f"{path}: is not a file that can be read from its end")
+    path = require_readable(path)
     try:
         header, columns = _format(path).read(path)
         _require_usable(header, columns)

@@ -82,19 +82,22 @@ def read_deep(file: PictureFile) -> DeepImage:
     memory than its size justifies, or has no depth; it names the file.
     """
     part, path = file.parts[0], file.path
+    known = depth_known(part.attributes, "Z", part.channels)
+    frame = Frame.of(part, part.attributes, known, path)
     try:
-        flat = _flat(path)
+        flat = _flat(path, frame.rows_and_columns(part, path))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     except RuntimeError as error:  # OpenEXR's, of damaged files.
         raise ValueError(f"{path}: is truncated or damaged: {error}") from error
-    known = depth_known(part.attributes, "Z", part.channels)
-    frame = Frame.of(part, part.attributes, known, path)
     return DeepImage(frame, *flat)
 
 
-def _flat(path: Path) -> _Flat:
+def _flat(path: Path, inside: tuple[slice, slice]) -> _Flat:
+    """The samples in some rows and columns of the first part of a file."""
     import OpenEXR
+
+    from .deep_exr import flattened
 
     require_bounded(path)
     with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -103,15 +106,10 @@ def _flat(path: Path) -> _Flat:
         found = _without_layer(file.parts[0].channels)
         if "Z" not in found:
             raise ValueError("it has no channel Z, as a deep picture must")
-        pixels = {name: found[name].pixels.ravel() for name in CHANNELS if name in found}
-    counts = np.array([0 if values is None else len(values) for values in pixels["Z"]])
-    full = np.flatnonzero(counts)
-    if len(full) == 0:
+        counts, flat = flattened({n: found[n].pixels[inside] for n in CHANNELS if n in found})
+    if not flat:
         raise ValueError("there are no samples in it")
-    flat: Mapping[str, np.ndarray] = {
-        name: np.concatenate(column[full].tolist()).astype(np.float64)
-        for name, column in pixels.items()
-    }
+    flat = {name: column.astype(np.float64) for name, column in flat.items()}
     if len({len(column) for column in flat.values()}) > 1:
         raise ValueError("is damaged: its channels have different numbers of samples")
     z = flat["Z"]
@@ -189,8 +187,7 @@ def _with_nothing(image: DeepImage, z: np.ndarray) -> tuple[np.ndarray, ...]:
     Where a pixel is not opaque, what shows nothing is behind all that is in it.
     """
     size = image.frame.size[0] * image.frame.size[1]
-    through = np.log1p(-np.minimum(image.alpha, 1 - 1e-12))
-    rest = np.exp(np.bincount(image.pixel, weights=through, minlength=size))
+    rest = np.exp(np.bincount(image.pixel, _log_through(image.alpha), size))
     clear = np.flatnonzero(rest > LEAST_WEIGHT)
     pixel = np.concatenate([image.pixel, clear])
     order = np.argsort(pixel, kind="stable")
@@ -206,9 +203,14 @@ def _with_nothing(image: DeepImage, z: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _let_through(alpha: np.ndarray, first: np.ndarray) -> np.ndarray:
     """What those before each sample of its pixel let through, of which ``first`` is the first."""
-    through = np.log1p(-np.minimum(alpha, 1 - 1e-12))
+    through = _log_through(alpha)
     before = np.cumsum(through) - through
     return np.exp(before - before[first])
+
+
+def _log_through(alpha: np.ndarray) -> np.ndarray:
+    """The logarithm of what each sample lets through."""
+    return np.log1p(-np.minimum(alpha, 1 - 1e-12))
 
 
 def _groups(first: np.ndarray, parallax: np.ndarray) -> np.ndarray:

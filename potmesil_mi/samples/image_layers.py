@@ -40,7 +40,7 @@ def with_layers(
         return columns
     count = z.size
     light = np.column_stack([columns["rgb"], columns["alpha"]]).astype(np.float64)
-    weight, of_farther = np.ones(count), light.copy()
+    weight, weight_behind, of_farther = np.ones(count), np.ones(count), light.copy()
     added = []
     if antialiased:
         shape = *z.shape, light.shape[1]
@@ -56,13 +56,11 @@ def with_layers(
             # Behind the part of the nearer one the farther goes on.
             behind = at[nearer], at[nearer], own[nearer], share[nearer]
             added.append(_Added(*behind, 1))
-            weight_behind = np.ones(count)
             weight_behind[at[~nearer]] = 1 - share[~nearer]
     if hidden == "farther":
         found = uncovered_by(z, radius_per_vergence)
-        share = weight_behind[found.pixel] if antialiased else np.ones(len(found.pixel))
-        colour = of_farther[found.colour_of]
-        added.append(_Added(found.pixel, found.depth_of, colour, share, 1))
+        pixel, colour = found.pixel, of_farther[found.colour_of]
+        added.append(_Added(pixel, found.depth_of, colour, weight_behind[pixel], 1))
     return _joined(columns, light, weight, added)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -24,12 +25,12 @@ from ..optics.depth import (
 )
 from ..optics.lens import ThinLens
 from ..optics.planarity import bending, verdict
-from ..pictures.picture import read_depth, read_picture
+from ..pictures.picture import Frame, read_depth, read_picture
 from ..pictures.programs import KnownDepth
 from ..pictures.reading import PictureFile
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
-from .picture_optics import camera_and_lens
+from .picture_optics import camera_and_lens, require_fitting
 
 DepthKind = Literal["z", "distance", "inverse", "ndc"]
 """What the numbers of a depth mean."""
@@ -46,9 +47,16 @@ MOST_IDS = (1 << 32) - 1
 DEPTH_KINDS: tuple[DepthKind, ...] = get_args(DepthKind)
 
 
-class Described(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Described:
     """What is said of a picture, beside its numbers: see :meth:`PointSamples.from_image`."""
 
+    camera: Camera | float | None
+    lens: ThinLens | Mapping[str, Any] | None
+    surface: Any
+    surfaces: Mapping[int, str] | None
+    layer: str | None
+    depth_channel: str | None
     depth_kind: DepthKind | None
     near: float | None
     far: float
@@ -75,6 +83,12 @@ class Described(NamedTuple):
                 if not value >= least:
                     raise ValueError(f"{name}={value}: must be >= {least:g} scene units")
 
+    def known_of(self, frame: Frame) -> KnownDepth | None:
+        """What is known of the depth of a picture, unless it is said to be of another kind."""
+        known = frame.known
+        other = known is not None and self.depth_kind not in (None, known.kind)
+        return None if other else known
+
 
 class SampledImage(NamedTuple):
     """A picture as samples: its camera, its lens, the names of its surfaces, and its columns."""
@@ -85,17 +99,17 @@ class SampledImage(NamedTuple):
     columns: dict[str, Any]
 
 
-def image_of_file(
-    path: str | os.PathLike[str],
-    depth: Any,
-    camera: Camera | float | None,
-    lens: ThinLens | Mapping[str, Any] | None,
-    described: Described,
-    surface: Any,
-    surfaces: Mapping[int, str] | None,
-    layer: str | None,
-    depth_channel: str | None,
-) -> SampledImage:
+def image_of(rgb: Any, depth: Any, described: Described) -> SampledImage:
+    """A picture in a file, or in arrays, of which ``described`` says the rest."""
+    if isinstance(rgb, (str, os.PathLike)):
+        return image_of_file(rgb, depth, described)
+    layer, depth_channel = described.layer, described.depth_channel
+    if layer is not None or depth_channel is not None:
+        raise ValueError(f"layer={layer}, depth_channel={depth_channel}: are names in a file")
+    return image_of_arrays(rgb, depth, described)
+
+
+def image_of_file(path: str | os.PathLike[str], depth: Any, described: Described) -> SampledImage:
     """A picture of any program in files.
 
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`; errors name
@@ -104,31 +118,28 @@ def image_of_file(
     described.require_valid()
     file, is_array = PictureFile(path), _is_array(depth)
     of_depth = str(path) if depth is None or is_array else str(depth)
+    names = {"layer": described.layer, "depth_channel": described.depth_channel}
     if depth is None and is_deep(file):
-        if layer is not None or depth_channel is not None or surface is not None:
+        if any(given is not None for given in (*names.values(), described.surface)):
             raise ValueError(
                 f"{path}: is deep, of which layer, depth_channel and surface have no meaning"
             )
-        return _image_of_deep(read_deep(file), str(path), camera, lens, described)
-    values = np.asarray(depth) if is_array else depth
-    picture = read_picture(file, values, layer=layer, depth_channel=depth_channel)
-    known = picture.frame.known
-    camera, lens = camera_and_lens(picture.frame, str(path), camera, lens)
-    values = picture.depth
-    if known is not None and described.depth_kind in (None, known.kind):
-        alpha = picture.rgb[..., 3] if picture.rgb.shape[2] == 4 else None
-        if known.filtered:
-            from .filtered_depth import unfiltered  # See with_layers.
+        return _image_of_deep(read_deep(file), str(path), described)
+    picture = read_picture(file, np.asarray(depth) if is_array else depth, **names)
+    camera, lens = camera_and_lens(picture.frame, str(path), described.camera, described.lens)
+    known, values = described.known_of(picture.frame), picture.depth
+    if known is not None and known.filtered:
+        from .filtered_depth import unfiltered  # See with_layers.
 
-            values = unfiltered(values, alpha)
-        elif known.zero_is_none:
-            values = np.where(values == 0, np.inf, values)
+        values = unfiltered(values, picture.rgb[..., 3] if picture.rgb.shape[2] == 4 else None)
     scale = described.depth_scale or 1
     described = _as_known(described, known, of_depth, lambda: bending(values * scale, camera))
-    if surface is None and picture.surface is not None:
-        surface, surfaces = picture.surface, surfaces or picture.surfaces
+    described = dataclasses.replace(described, camera=camera, lens=lens)
+    if described.surface is None and picture.surface is not None:
+        names_of = described.surfaces or picture.surfaces
+        described = dataclasses.replace(described, surface=picture.surface, surfaces=names_of)
     try:
-        return image_of_arrays(picture.rgb, values, camera, lens, described, surface, surfaces)
+        return image_of_arrays(picture.rgb, values, described)
     except ValueError as error:
         name = of_depth if str(error).startswith("depth") else path
         raise ValueError(f"{name}: {error}") from error
@@ -151,23 +162,18 @@ def _as_known(
             f"{name}: no file says whether its depth is along the axis (z) or the ray (distance); "
             f"{verdict(bent())}; give depth_kind, one of {', '.join(DEPTH_KINDS)}"
         )
-    if known is None or described.depth_kind not in (None, known.kind):
+    if known is None:
         return described
-    if described.background is None:
-        described = described._replace(background=known.background)
-    return described._replace(depth_kind=cast(DepthKind, known.kind))
+    background = known.background if described.background is None else described.background
+    kind = cast(DepthKind, known.kind)
+    return dataclasses.replace(described, depth_kind=kind, background=background)
 
 
-def _image_of_deep(
-    image: DeepImage,
-    name: str,
-    camera: Camera | float | None,
-    lens: ThinLens | Mapping[str, Any] | None,
-    described: Described,
-) -> SampledImage:
+def _image_of_deep(image: DeepImage, name: str, described: Described) -> SampledImage:
     """A deep picture of another program, which knows of what is hidden by itself."""
-    camera, lens = camera_and_lens(image.frame, name, camera, lens)
-    described = _as_known(described, image.frame.known, name, lambda: {"z": math.nan})
+    camera, lens = camera_and_lens(image.frame, name, described.camera, described.lens)
+    known = described.known_of(image.frame)
+    described = _as_known(described, known, name, lambda: {"z": math.nan})
     try:
         z = _z(_scaled(image.depth, described), image.x, image.y, camera, described)
     except ValueError as error:
@@ -176,15 +182,7 @@ def _image_of_deep(
     return SampledImage(camera, lens, {1: "surface"}, columns_of_deep(image, z, radius))
 
 
-def image_of_arrays(
-    rgb: Any,
-    depth: Any,
-    camera: Camera | float | None,
-    lens: ThinLens | Mapping[str, Any] | None,
-    described: Described,
-    surface: Any,
-    surfaces: Mapping[int, str] | None,
-) -> SampledImage:
+def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
     """A picture in arrays, in the order of its rows.
 
     The parameters, and what is raised, are those of :meth:`PointSamples.from_image`.
@@ -202,14 +200,13 @@ def image_of_arrays(
         raise ValueError("depth=None: must be the depth of the pixels of an array")
     if not _is_array(depth):
         depth = read_depth(depth)
+    lens, surface, surfaces = described.lens, described.surface, described.surfaces
     if not isinstance(lens, ThinLens):
         raise TypeError(f"lens={lens!r}: must be a ThinLens, or rgb the name of a file")
     size, depth = rgb.shape[:2], _scaled(np.asarray(depth), described)
     if depth.shape != size:
         raise ValueError(f"depth: its shape is {depth.shape}, must be {size}, as that of rgb")
-    if camera is None:
-        raise ValueError("camera=None: must be a Camera, or the field of view in degrees")
-    camera = _camera(camera, size)
+    camera = _camera(described.camera, size)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
     x, y = x + camera.crop_offset[0], y + camera.crop_offset[1]
     z = _z(depth, x, y, camera, described)
@@ -274,8 +271,8 @@ def _z(
     if kind == "ndc":
         assert described.near is not None
         _require_each_pixel("depth", depth, np.isfinite(depth), "finite")
-        near, far, clip, reverse = described[1:5]
-        z = depth_from_ndc(depth, near, far, clip=clip, reverse=reverse)
+        clip, reverse = described.clip, described.reverse
+        z = depth_from_ndc(depth, described.near, described.far, clip=clip, reverse=reverse)
     elif kind == "inverse":
         valid = (depth >= 0) & np.isfinite(depth)
         _require_each_pixel("depth", depth, valid, ">= 0 and finite")
@@ -292,20 +289,15 @@ def _z(
     return np.where(z >= (background or math.inf), np.inf, z)
 
 
-def _camera(camera: Camera | float, size: tuple[int, ...]) -> Camera:
+def _camera(camera: Camera | float | None, size: tuple[int, ...]) -> Camera:
     """The camera of a picture of a ``size``, height and width."""
     height, width = size
-    if not isinstance(camera, Camera):
-        require_number("camera", camera)
-        return camera_of(float(camera), (width, height))
-    if tuple(camera.crop_size) != (width, height):
-        raise ValueError(
-            f"camera: its picture has {camera.crop_size} pixels across and down, must have "
-            f"{(width, height)}, as rgb"
-        )
-    if camera.projection != "perspective":
-        raise ValueError(f"camera: its projection is {camera.projection}, must be perspective")
-    return camera
+    if camera is None:
+        raise ValueError("camera=None: must be a Camera, or the field of view in degrees")
+    if isinstance(camera, Camera):
+        return require_fitting(camera, (width, height))
+    require_number("camera", camera)
+    return camera_of(float(camera), (width, height))
 
 
 def _require_planes_of(

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..optics.blur import radius_per_vergence
+from ..optics.blur import Blur
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from .point_samples import PointSamples
@@ -49,8 +49,7 @@ def circle_map(samples: PointSamples, lens: ThinLens | TelecentricLens | None = 
     if isinstance(lens, TelecentricLens):
         per_unit = float(lens.slope) * samples.camera.pixels_per_unit
         return (2 * per_unit * (lens.focus_distance - depth)).astype(np.float32)
-    scale = 2 * radius_per_vergence(lens, samples.camera)
-    return (scale * (1 / depth - 1 / lens.focus_distance)).astype(np.float32)
+    return (2 * Blur.of(lens, samples.camera).radius(1 / depth)).astype(np.float32)
 
 
 def maps_of(

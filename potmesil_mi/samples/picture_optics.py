@@ -41,8 +41,8 @@ def camera_and_lens(
     is given; it goes before what the file says, but the field of view that a file says stays.
     Raises ``ValueError`` that names all that nothing says, or what contradicts itself.
     """
-    if isinstance(camera, Camera) and camera.projection != "perspective":
-        raise ValueError(f"camera: its projection is {camera.projection}, must be perspective")
+    if isinstance(camera, Camera):
+        require_fitting(camera, frame.size)
     if isinstance(lens, ThinLens):
         of_picture = _fov(frame, camera, {})
         return _camera(frame, camera, lens.fov if of_picture is None else of_picture), lens
@@ -136,13 +136,23 @@ def _fov(frame: Frame, camera: Camera | float | None, lens: Mapping[str, Any]) -
 
 def _camera(frame: Frame, camera: Camera | float | None, fov: float) -> Camera:
     if isinstance(camera, Camera):
-        if tuple(camera.crop_size) != frame.size:
-            raise ValueError(
-                f"camera: its picture has {camera.crop_size} pixels across and down, must have "
-                f"{frame.size}, as the file"
-            )
         return camera
     width, height = frame.film_size
     across, down = frame.optics.principal_point_offset
     whole = camera_of(fov, frame.film_size, (across, down * width / height))
     return dataclasses.replace(whole, crop_offset=frame.crop_offset, crop_size=frame.size)
+
+
+def require_fitting(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The camera, if a picture of a ``size``, width and height, may be of it.
+
+    Raises ``ValueError`` for one of another size, and for a parallel projection.
+    """
+    if tuple(camera.crop_size) != size:
+        raise ValueError(
+            f"camera: its picture has {camera.crop_size} pixels across and down, must have {size}, "
+            "as the picture"
+        )
+    if camera.projection != "perspective":
+        raise ValueError(f"camera: its projection is {camera.projection}, must be perspective")
+    return camera

@@ -26,7 +26,7 @@ from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .header import Header
 from .image_layers import Hidden
-from .images import DepthKind, Described, image_of_arrays, image_of_file
+from .images import DepthKind, Described, image_of
 from .merging import merged
 from .raster import FARTHEST, Window
 
@@ -215,14 +215,8 @@ class PointSamples(Columns):
         numbers, ``OSError`` where there is no file.
         """
         said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
-        described, names = Described(*said), (surface, surfaces)
-        if isinstance(rgb, (str, os.PathLike)):
-            both = *names, layer, depth_channel
-            image = image_of_file(rgb, depth, camera, lens, described, *both)
-        elif layer is not None or depth_channel is not None:
-            raise ValueError(f"layer={layer}, depth_channel={depth_channel}: are names in a file")
-        else:
-            image = image_of_arrays(rgb, depth, camera, lens, described, *names)
+        described = Described(camera, lens, surface, surfaces, layer, depth_channel, *said)
+        image = image_of(rgb, depth, described)
         return cls(**image.columns, camera=image.camera, lens=image.lens, surfaces=image.surfaces)
 
     @property

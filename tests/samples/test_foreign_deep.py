@@ -13,7 +13,7 @@ LENS = {"f_number": 0.5, "focus_distance": 2.0, "millimeters_per_unit": 1000.0}
 OPTIONS = {"camera": 40.0, "lens": LENS, "depth_kind": "z"}
 
 
-def write_deep(path, pixels, names):
+def write_deep(path, pixels, names, **attributes):
     """``pixels`` (H, W) are lists of samples, each with a number for each channel of ``names``."""
     height, width = len(pixels), len(pixels[0])
     channels = {}
@@ -23,7 +23,8 @@ def write_deep(path, pixels, names):
             for at in range(width):
                 column[row, at] = np.array([of[i] for of in pixels[row][at]], np.float32)
         channels[name] = column
-    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    kind = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    header = {**kind, **attributes}
     with OpenEXR.File([OpenEXR.Part(header, channels, name="rgba")]) as file:
         file.write(str(path))
     return path
@@ -82,6 +83,26 @@ def test_a_volume_becomes_slices_that_let_through_as_much(tmp_path):
         lens = {**LENS, "f_number": f_number}
         found = middle(pm.PointSamples.from_image(path, **{**OPTIONS, "lens": lens}))
         np.testing.assert_allclose(found, (0.3, 0.3 + 0.4 * 0.8, 0.3), atol=0.015)
+
+
+def test_an_overscan_is_left_out_where_it_is(tmp_path):
+    """Each pixel has its number as red; the film is the middle of the data window."""
+    pixels = [
+        [[(100 * row + column, 0, 0, 1, 2.0)] for column in range(SIZE[0])]
+        for row in range(SIZE[1])
+    ]
+    window = {
+        "dataWindow": (np.array([-3, -2], np.int32), np.array([20, 13], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([9, 7], np.int32)),
+    }
+    names = ("R", "G", "B", "A", "Z")
+    path = write_deep(tmp_path / "a.exr", pixels, names, **window)
+    samples = pm.PointSamples.from_image(path, **OPTIONS)
+    assert samples.camera.film_size == (10, 8)
+    seen = samples.layer == 0
+    expected = 100 * (np.floor(samples.y) + 2) + np.floor(samples.x) + 3
+    np.testing.assert_allclose(samples.rgb[seen, 0], expected[seen], rtol=1e-6)
+    assert len(np.unique(samples.pixel()[seen])) == 80
 
 
 def test_which_kind_a_deep_depth_is_is_asked_for(tmp_path):
