@@ -28,6 +28,11 @@ from .camera import Camera
 Clip = Literal["opengl", "direct3d"]
 """What NDC depth is between the planes: -1 to 1, or 0 to 1."""
 
+DepthKind = Literal["z", "distance", "inverse", "ndc"]
+"""What the numbers of a depth mean: z along the axis, the length of the ray, 1/z, or NDC depth."""
+
+DEPTH_KINDS: tuple[DepthKind, ...] = get_args(DepthKind)
+
 CLIPS: tuple[Clip, ...] = get_args(Clip)
 """The two intervals of NDC depth."""
 

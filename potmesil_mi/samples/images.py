@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple, cast, get_args
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.depth import (
     CLIPS,
+    DEPTH_KINDS,
     Clip,
+    DepthKind,
     camera_of,
     depth_from_ndc,
     depth_from_ray_length,
@@ -32,9 +34,6 @@ from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
 from .picture_optics import camera_and_lens, require_fitting
 
-DepthKind = Literal["z", "distance", "inverse", "ndc"]
-"""What the numbers of a depth mean."""
-
 FARTHEST = 1e30
 """Depth in scene units of what is taken to be nearest where nothing is near."""
 
@@ -43,8 +42,6 @@ NEAREST = 1e-30
 
 MOST_IDS = (1 << 32) - 1
 """The largest id of a surface."""
-
-DEPTH_KINDS: tuple[DepthKind, ...] = get_args(DepthKind)
 
 
 @dataclasses.dataclass(frozen=True)

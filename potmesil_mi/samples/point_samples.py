@@ -19,14 +19,13 @@ import numpy as np
 
 from .._validation import require_whole
 from ..optics.camera import Camera
-from ..optics.depth import Clip
+from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .header import Header
 from .image_layers import Hidden
-from .images import DepthKind, Described, image_of
 from .merging import merged
 from .raster import FARTHEST, Window
 
@@ -214,6 +213,9 @@ class PointSamples(Columns):
         files that cannot be read or do not say enough; ``TypeError`` for ids that are no whole
         numbers, ``OSError`` where there is no file.
         """
+        # What reads pictures takes a while to import, and few samples are of pictures.
+        from .images import Described, image_of
+
         said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
         described = Described(camera, lens, surface, surfaces, layer, depth_channel, *said)
         image = image_of(rgb, depth, described)
