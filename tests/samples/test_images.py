@@ -137,6 +137,11 @@ def test_mitsubas_own_depth_is_a_distance():
         ({"camera": 200.0}, "x_fov"),
         ({"surface": np.ones((2, 2))}, "surface: its shape"),
         ({"clip": "vulkan"}, "clip"),
+        ({"hidden": "nearer"}, "hidden"),
+        ({"depth_scale": 0}, "depth_scale=0: must be >="),
+        ({"layer": "beauty"}, "layer=beauty, depth_channel=None: are names in a file"),
+        ({"depth_kind": None}, "depth_kind=None: must be one of z, distance, inverse, ndc"),
+        ({"camera": None}, "camera=None"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(changed, message):
@@ -144,6 +149,14 @@ def test_what_does_not_fit_is_refused_by_name(changed, message):
     given = {"rgb": rgb, "depth": z, "camera": FOV, "depth_kind": "z", "lens": LENS, **changed}
     with pytest.raises(ValueError, match=message):
         pm.PointSamples.from_image(given.pop("rgb"), given.pop("depth"), **given)
+
+
+def test_what_is_of_another_type_is_refused_by_name():
+    rgb, z = picture()
+    for changed in ({"antialiased": "yes"}, {"background": "1e10"}, {"lens": {"f_number": 2}}):
+        given = {"camera": FOV, "depth_kind": "z", "lens": LENS, **changed}
+        with pytest.raises(TypeError, match=next(iter(changed))):
+            pm.PointSamples.from_image(rgb, z, **given)
 
 
 def test_ids_are_whole_numbers():
