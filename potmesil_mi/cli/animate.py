@@ -156,7 +156,7 @@ def _of_scene(
 ) -> None:
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
-    from ..samples.standard import standard_attributes
+    from ..samples.standard import attributes_of_formed
 
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
@@ -173,7 +173,7 @@ def _of_scene(
     )
     camera = session.samples.camera
     for frame, picture in pictures:
-        files.write(frame, picture, standard_attributes(camera, animation.lens_at(lens, frame)))
+        files.write(frame, picture, attributes_of_formed(camera, animation.lens_at(lens, frame)))
 
 
 def _opened(options: argparse.Namespace, animation: Animation) -> Opened:
@@ -194,7 +194,7 @@ def _of_moving_scene(
     from .._progress import reported
     from ..animation.animation import frame_progress
     from ..focusing.api import focus
-    from ..samples.standard import standard_attributes
+    from ..samples.standard import attributes_of_formed
     from ..tracing.exposing import require_motions
 
     if options.samples:
@@ -221,7 +221,7 @@ def _of_moving_scene(
                     rfilter=opened.film.rfilter(),
                     alpha=opened.has_alpha,
                 )
-            files.write(frame, picture, standard_attributes(samples.camera, lenses[done]))
+            files.write(frame, picture, attributes_of_formed(samples.camera, lenses[done]))
 
 
 def _of_file(
@@ -229,7 +229,7 @@ def _of_file(
 ) -> None:
     """The frames of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
-    from ..samples.standard import standard_attributes
+    from ..samples.standard import attributes_of_formed
 
     of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
     of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
@@ -252,7 +252,7 @@ def _of_file(
     lens = samples.lens
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
         lens_of_frame = animation.lens_at(lens, frame)
-        files.write(frame, picture, standard_attributes(samples.camera, lens_of_frame))
+        files.write(frame, picture, attributes_of_formed(samples.camera, lens_of_frame))
 
 
 def _sampling_for(

@@ -340,9 +340,9 @@ def _write(
 ) -> None:
     """Write a picture with what is known of its camera and lens, and with maps beside it."""
     from .._image import write_picture
-    from ..samples.standard import standard_attributes
+    from ..samples.standard import attributes_of_formed
 
-    said = standard_attributes(samples.camera, samples.lens)
+    said = attributes_of_formed(samples.camera, samples.lens)
     for path in paths:
         write_picture(picture, path, said, maps)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._image import linear_from_srgb
 from .channels import CRYPTOMATTE, Channel, colours_of, depth_of, every_channel, ids_of
+from .heic import picture_file
 from .programs import KnownDepth, Optics, depth_known, optics_of
 from .reading import PictureFile, PicturePart
 
@@ -71,7 +72,7 @@ class Frame:
                 f"{path}: its data window {part.box} must lie in its display window {film}"
             )
         left, top, width, height = inside
-        optics = optics_of(attributes, known)
+        optics = optics_of(attributes, known, film[2:])
         offset = left - film[0], top - film[1]
         return cls((width, height), offset, (film[2], film[3]), optics, known)
 
@@ -178,7 +179,7 @@ def read_depth(
     """
     if os.fspath(path).lower().endswith(NUMPY):
         return _from_numpy(path)
-    file = PictureFile(path)
+    file = picture_file(path)
     found = depth_of(file, channel, need=False)
     if found is None:
         every = every_channel(file)

@@ -18,6 +18,8 @@ RenderMan,    ``worldToCamera`` and ``worldToNDC``               not known
 Houdini,
 Arnold
 potmesil_mi   the attributes of OpenEXR, ``potmesil:lens``       ``Z`` along the axis
+phones        EXIF: ``FocalLength`` and that for 35 mm,          HEIC: disparity or metres, along
+              ``FNumber``; a unit is a metre                     the axis
 any           those of OpenEXR: ``focus`` (m), ``aperture``,     not known
               ``nominalFocalLength``, ``pinholeFocalLength``
               (mm), ``sensorOverallDimensions`` (mm),
@@ -40,8 +42,14 @@ import numpy as np
 METER = 1000.0
 """Millimetres of a scene unit where that is a metre."""
 
-FULL_FRAME = 36.0
-"""Width in millimetres of the film that EXIF's 35 mm focal length is for."""
+FULL_FRAME = math.hypot(36, 24)
+"""Diagonal in millimetres of the film that EXIF's 35 mm focal length is for (CIPA DCG-001)."""
+
+FORMED = "potmesil:formed"
+"""Attribute of a picture of this package: 1 if it was formed through a lens that is open."""
+
+DEPTH_IN_METERS = "heif:depth_in_meters"
+"""Attribute of a part whose depth is in metres along the axis."""
 
 
 class KnownDepth(NamedTuple):
@@ -61,6 +69,7 @@ BLENDER = KnownDepth("Blender", "z", background=1e10)
 MITSUBA = KnownDepth("Mitsuba", "distance", filtered=True)
 VRAY = KnownDepth("V-Ray", "z")
 OWN = KnownDepth("potmesil_mi", "z")
+HEIC = KnownDepth("HEIC", "z")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +79,7 @@ class Optics:
     ``x_fov`` is in degrees, ``focal_length`` and ``frame_width`` in millimetres, ``focus_distance``
     in scene units or, ``focus_meters``, in metres; ``principal_point_offset`` is by how much
     the middle of the film is off the axis, right and down, in widths of the film, ``own_lens`` the
-    JSON of this package.
+    JSON of this package; ``formed`` says that the picture has gone through that lens.
     """
 
     x_fov: float | None = None
@@ -82,6 +91,7 @@ class Optics:
     millimeters_per_unit: float | None = None
     principal_point_offset: tuple[float, float] = (0.0, 0.0)
     own_lens: str | None = None
+    formed: bool | None = None
 
     def __or__(self, other: Optics) -> Optics:
         """These, and for what they do not say the other's."""
@@ -97,6 +107,8 @@ def depth_known(
     """What is known of a channel of depth by the program that wrote it, if that is known."""
     if "potmesil:lens" in attributes:
         return OWN
+    if DEPTH_IN_METERS in attributes:
+        return HEIC
     head, _, last = channel.rpartition(".")
     layer = head.rpartition(".")[0]
     written = str(attributes.get("generatedBy", "")) + str(attributes.get("Software", ""))
@@ -112,8 +124,13 @@ def depth_known(
     return None
 
 
-def optics_of(attributes: Mapping[str, Any], known: KnownDepth | None) -> Optics:
-    """What the attributes say; numbers that make no sense are as if they were not there."""
+def optics_of(
+    attributes: Mapping[str, Any], known: KnownDepth | None, size: tuple[int, int]
+) -> Optics:
+    """What the attributes say of a picture of a ``size``, width and height.
+
+    Numbers that make no sense are as if they were not there.
+    """
     number = _Numbers(attributes)
     found = Optics(
         x_fov=number.between("cameraFov", 0, 180) or number.between("rs/camera/fov", 0, 180),
@@ -125,6 +142,8 @@ def optics_of(attributes: Mapping[str, Any], known: KnownDepth | None) -> Optics
     )
     if known is BLENDER:
         found |= Optics(focal_length=number.positive("Lens"), millimeters_per_unit=METER)
+    elif known is HEIC:
+        found |= Optics(millimeters_per_unit=METER)
     window = number.positive("screenWindowWidth")
     standard = Optics(
         x_fov=_fov_of_matrices(attributes) or _fov(window if window != 1 else None),
@@ -138,10 +157,12 @@ def optics_of(attributes: Mapping[str, Any], known: KnownDepth | None) -> Optics
         principal_point_offset=_offset(attributes, window),
         own_lens=own if isinstance(own := attributes.get("potmesil:lens"), str) else None,
         millimeters_per_unit=number.positive("potmesil:millimeters_per_unit"),
+        formed=number.positive(FORMED) is not None or None,
     )
     full_frame = number.positive("Exif:FocalLengthIn35mmFilm")
     if full_frame and standard.focal_length and not standard.frame_width:
-        width = FULL_FRAME * standard.focal_length / full_frame
+        diagonal = FULL_FRAME * standard.focal_length / full_frame
+        width = diagonal * size[0] / math.hypot(*size)
         standard = dataclasses.replace(standard, frame_width=width)
     return found | standard
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
@@ -27,9 +28,9 @@ from ..optics.depth import (
 )
 from ..optics.lens import ThinLens
 from ..optics.planarity import bending, verdict
+from ..pictures.heic import picture_file
 from ..pictures.picture import Frame, read_depth, read_picture
 from ..pictures.programs import KnownDepth
-from ..pictures.reading import PictureFile
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
 from .picture_optics import camera_and_lens, require_fitting
@@ -113,7 +114,7 @@ def image_of_file(path: str | os.PathLike[str], depth: Any, described: Described
     the file.
     """
     described.require_valid()
-    file, is_array = PictureFile(path), _is_array(depth)
+    file, is_array = picture_file(path), _is_array(depth)
     of_depth = str(path) if depth is None or is_array else str(depth)
     names = {"layer": described.layer, "depth_channel": described.depth_channel}
     if depth is None and is_deep(file):
@@ -124,6 +125,12 @@ def image_of_file(path: str | os.PathLike[str], depth: Any, described: Described
         return _image_of_deep(read_deep(file), str(path), described)
     picture = read_picture(file, np.asarray(depth) if is_array else depth, **names)
     camera, lens = camera_and_lens(picture.frame, str(path), described.camera, described.lens)
+    if picture.frame.optics.formed:
+        warnings.warn(
+            f"{path}: has been formed through a lens, and what that has blurred is blurred again; "
+            "keep the samples (--samples), or form it with --f-number inf",
+            stacklevel=2,
+        )
     known, values = described.known_of(picture.frame), picture.depth
     if known is not None and known.filtered:
         from .filtered_depth import unfiltered  # See with_layers.

@@ -187,7 +187,7 @@ class PointSamples(Columns):
         Parameter                     Meaning
         ============================  ==========================================================
         ``rgb``                       float (H, W, 3), linear sRGB; or (H, W, 4), with alpha that
-                                      they are multiplied by; or a file: EXR, PNG, JPEG, TIFF
+                                      they are multiplied by; or a file: EXR, HEIC, PNG, TIFF
         ``depth``                     (H, W), times ``depth_scale``; or a file (default: ``rgb``'s)
         ``camera``                    whose crop window the picture shows; or its horizontal field
                                       of view in degrees; by default what the file says

@@ -87,6 +87,18 @@ def test_a_picture_with_its_maps_is_read_again_as_it_is(tmp_path):
     assert found.camera.x_fov == pytest.approx(samples.camera.x_fov)
 
 
+@pytest.mark.filterwarnings("always:.*formed through a lens")
+@pytest.mark.parametrize("f_number", ["0.5", "inf"])
+def test_a_picture_that_is_blurred_already_warns_when_it_is_focused(tmp_path, capsys, f_number):
+    stored, path = tmp_path / "a.samples", str(tmp_path / "a.exr")
+    in_middles().save(stored)
+    formed = ["focus", str(stored), "--f-number", f_number, "-o", path, "--maps", "depth"]
+    assert main(formed) == 0
+    again = ["focus", path, "--f-number", "1", "-o", str(tmp_path / "b.exr")]
+    assert main(again) == 0
+    assert ("formed through a lens" in capsys.readouterr().err) == (f_number == "0.5")
+
+
 def test_focus_writes_maps_into_an_exr_and_only_there(tmp_path, capsys):
     stored = tmp_path / "a.samples"
     in_middles().save(stored)
