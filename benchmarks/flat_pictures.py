@@ -68,7 +68,11 @@ def subjects(arguments: argparse.Namespace) -> Iterator[tuple[str, mi.Scene, mi.
             scene = mi.load_file(str(path), optimize=False, **defines)
             yield name, scene, scene.sensors()[0]
     for name, path in scenes_in(arguments.folders, arguments.only):
-        case = Case.load(name, path, arguments)
+        try:
+            case = Case.load(name, path, arguments)
+        except ValueError as error:
+            console.print(f"{name} is left out: {error}")
+            continue
         yield name, case.scene, pm.potmesil_sensor(thinlens_sensor(case.sensor))
 
 

@@ -77,12 +77,16 @@ def _with_depth(data: bytes, of_codes: bytes) -> bytes:
     (of_depth,) = struct.unpack_from(">H", of_items, second)
     properties[b"ipma"] = bytes(of_items) + bytes([number | 0x80])
     meta[b"iprp"] = b"".join(_box(*of) for of in properties.items())
-    meta[b"iref"] = meta.get(b"iref", bytes(FULL)) + _box(b"auxl", struct.pack(">HHH", of_depth, 1, 1))
+    meta[b"iref"] = meta.get(b"iref", bytes(FULL)) + _box(
+        b"auxl", struct.pack(">HHH", of_depth, 1, 1)
+    )
     longer = len(_box(b"meta", bytes(FULL) + b"".join(_box(*of) for of in meta.items())))
     longer -= len(whole[b"meta"]) + 8
     places = bytearray(meta[b"iloc"])
     at = FULL + 4
-    for _ in range(struct.unpack_from(">H", places, FULL + 2)[0]):  # id, file, where it begins, one extent of 8 bytes
+    for _ in range(
+        struct.unpack_from(">H", places, FULL + 2)[0]
+    ):  # id, file, where it begins, one extent of 8 bytes
         (begins,) = struct.unpack_from(">I", places, at + 4)
         struct.pack_into(">I", places, at + 4, begins + longer)
         at += 4 + 4 + 2 + 8

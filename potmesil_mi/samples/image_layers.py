@@ -33,7 +33,8 @@ def with_layers(
     it is.
     """
     # These need SciPy, which takes a while to import, and few samples are of pictures.
-    from .silhouettes import parts_of
+    from .bright_edges import bright_edges_of
+    from .silhouettes import near_silhouettes, parts_of
     from .uncovered import uncovered_by
 
     if radius_per_vergence <= 0:
@@ -41,10 +42,11 @@ def with_layers(
     count = z.size
     light = np.column_stack([columns["rgb"], columns["alpha"]]).astype(np.float64)
     weight, weight_behind, of_farther = np.ones(count), np.ones(count), light.copy()
+    middle = np.zeros((count, 2))
     added = []
     if antialiased:
-        shape = *z.shape, light.shape[1]
-        parts = parts_of(np.maximum(light, 0).reshape(shape), radius_per_vergence / z)
+        positive = np.maximum(light, 0).reshape(*z.shape, light.shape[1])
+        parts = parts_of(positive, radius_per_vergence / z)
         at, share = parts.pixel, parts.share
         nearer = z.ravel()[parts.source] < z.ravel()[at]
         # What is negative stays with the surface whose depth the pixel has.
@@ -57,37 +59,56 @@ def with_layers(
             behind = at[nearer], at[nearer], own[nearer], share[nearer]
             added.append(_Added(*behind, 1))
             weight_behind[at[~nearer]] = 1 - share[~nearer]
+        edges = bright_edges_of(positive, near_silhouettes(radius_per_vergence / z))
+        at, share, negative = edges.pixel, edges.share, np.minimum(light[edges.pixel], 0)
+        light[at], weight[at] = edges.bright + negative, share
+        middle[at] = edges.toward * (1 - share)[:, None] / 2
+        middle_of_dark = -edges.toward * share[:, None] / 2
+        added.append(_Added(at, at, edges.dark + negative, 1 - share, 0, middle_of_dark))
     if hidden == "farther":
         found = uncovered_by(z, radius_per_vergence)
         pixel, colour = found.pixel, of_farther[found.colour_of]
         added.append(_Added(pixel, found.depth_of, colour, weight_behind[pixel], 1))
-    return _joined(columns, light, weight, added)
+    return _joined(columns, light, weight, middle, added)
 
 
 class _Added:
     """Samples in the pixels ``at``, with the depth and the surface of other pixels.
 
-    ``light`` is RGB and alpha, (n, 4), ``weight`` (n,), ``layer`` that of all.
+    ``light`` is RGB and alpha, (n, 4), ``weight`` (n,), ``layer`` that of all, ``middle`` where
+    they are from the middles of the pixels, right and down, (n, 2).
     """
 
     def __init__(
-        self, at: np.ndarray, source: np.ndarray, light: np.ndarray, weight: np.ndarray, layer: int
+        self,
+        at: np.ndarray,
+        source: np.ndarray,
+        light: np.ndarray,
+        weight: np.ndarray,
+        layer: int,
+        middle: np.ndarray | float = 0.0,
     ) -> None:
         self.at, self.source, self.light, self.weight = at, source, light, weight
+        self.middle = np.broadcast_to(middle, (len(at), 2))
         self.layer = np.full(len(at), layer, np.uint8)
 
 
 def _joined(
-    columns: dict[str, np.ndarray], light: np.ndarray, weight: np.ndarray, added: list[_Added]
+    columns: dict[str, np.ndarray],
+    light: np.ndarray,
+    weight: np.ndarray,
+    middle: np.ndarray,
+    added: list[_Added],
 ) -> dict[str, Any]:
-    """The columns with what is ``added``, and with the ``light`` and ``weight`` of their own."""
+    """The columns with what is ``added``, and with the other ones of their own."""
     at = np.concatenate([np.arange(len(weight)), *(of.at for of in added)])
     source = np.concatenate([np.arange(len(weight)), *(of.source for of in added)])
     light = np.concatenate([light, *(of.light for of in added)])
+    middle = np.concatenate([middle, *(of.middle for of in added)])
     light = np.clip(light, -BRIGHTEST, BRIGHTEST)
     return {
-        "x": columns["x"][at],
-        "y": columns["y"][at],
+        "x": columns["x"][at] + middle[:, 0],
+        "y": columns["y"][at] + middle[:, 1],
         "rgb": light[:, :3],
         "alpha": light[:, 3],
         "z": columns["z"][source],

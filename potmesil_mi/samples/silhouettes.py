@@ -68,10 +68,7 @@ def parts_of(colours: np.ndarray, parallax: np.ndarray) -> Parts:
     ``colours`` are (H, W, C), linear, not below 0. ``parallax``, (H, W), is by how many pixels what
     is there moves as one looks from the middle of the lens and then from its rim.
     """
-    nearest, farthest = (
-        of(parallax, 3, mode="nearest")
-        for of in (scipy.ndimage.maximum_filter, scipy.ndimage.minimum_filter)
-    )
+    nearest, farthest = extremes(parallax, 3)
     mixed = nearest - farthest >= LEAST_STEP
     between = (nearest[mixed] + farthest[mixed]) / 2
     places = np.argwhere(mixed)
@@ -81,6 +78,18 @@ def parts_of(colours: np.ndarray, parallax: np.ndarray) -> Parts:
     ]
     columns = zip(*(vars(of).values() for of in found), strict=True)
     return Parts(*(np.concatenate(column) for column in columns))
+
+
+def near_silhouettes(parallax: np.ndarray) -> np.ndarray:
+    """Where :func:`parts_of` looks for parts, bool (H, W), by the same parallax."""
+    nearest, farthest = extremes(parallax, 3)
+    return nearest - farthest >= LEAST_STEP
+
+
+def extremes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The largest and the least in the square of a ``size`` around each pixel."""
+    largest = scipy.ndimage.maximum_filter(values, size, mode="nearest")
+    return largest, scipy.ndimage.minimum_filter(values, size, mode="nearest")
 
 
 def _parts_at(

@@ -7,6 +7,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi.evaluation import metrics, thinlens_sensor
 from potmesil_mi.optics.depth import camera_of
+from potmesil_mi.samples.bright_edges import bright_edges_of
 from potmesil_mi.samples.silhouettes import parts_of
 from potmesil_mi.samples.uncovered import uncovered_by
 from scenes import diffuse
@@ -102,6 +103,54 @@ def test_what_is_of_one_colour_stays_so_whatever_its_depths(method, focus_distan
     lens = LENS.replace(focus_distance=focus_distance)
     picture = np.array(pm.focus(samples_of(np.ones((*z.shape, 3)), z, lens), method=method))
     np.testing.assert_allclose(picture, 1, atol=0.02)
+
+
+def lamp(edge, radiance=18.0):
+    """A lamp in a ceiling, left of an ``edge``: of one depth, the ceiling dark; antialiased."""
+    rgb, z = half_plane((radiance,) * 3, (0.1, 0.1, 0.1), edge)
+    return rgb, np.full_like(z, NEAR)
+
+
+@pytest.mark.parametrize("edge", [20.1, 20.5, 20.8])
+def test_a_pixel_in_which_a_lamp_ends_has_its_light_where_it_is(edge):
+    rgb, z = lamp(edge)
+    edges = bright_edges_of(rgb, np.zeros(z.shape, bool))
+    assert set(edges.pixel % SIZE[0]) == {20}
+    np.testing.assert_allclose(edges.share, edge - 20, atol=1e-6)
+    np.testing.assert_allclose(edges.bright, 18, rtol=1e-6)
+    np.testing.assert_allclose(edges.dark, 0.1, rtol=1e-4)
+    np.testing.assert_allclose(edges.toward, np.broadcast_to((-1, 0), edges.toward.shape))
+    samples = samples_of(rgb, z)
+    ends = samples.rgb[:, 0] > 17
+    assert samples.x[ends].max() == pytest.approx((20 + edge) / 2, abs=1e-5)
+    assert samples.x[~ends].min() == pytest.approx((21 + edge) / 2, abs=1e-5)
+
+
+def test_the_light_of_a_lamp_that_ends_nearly_in_focus_is_spread_from_where_it_is():
+    """Against the disc of the lens over a sharp edge, in closed form."""
+    edge, radius = 20.3, 0.6
+    rgb, z = lamp(edge)
+    pixels = LENS.aperture_radius * camera_of(FOV, SIZE).focal_length_pixels
+    lens = LENS.replace(focus_distance=1 / (1 / NEAR - radius / pixels))
+    fine = (np.arange(SIZE[0] * 64) + 0.5) / 64
+    t = np.clip((fine - edge) / radius, -1, 1)
+    covered = 0.5 - (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi
+    truth = (0.1 + 17.9 * covered).reshape(-1, 64).mean(axis=1)
+    off = {}
+    for antialiased in (False, True):
+        samples = samples_of(rgb, z, lens, antialiased=antialiased)
+        row = np.array(pm.focus(samples))[SIZE[1] // 2, 4:-4, 0]
+        off[antialiased] = np.abs(row - truth[4:-4]).max()
+    assert off[True] < 0.2, off
+    assert off[True] < off[False] / 2, off
+
+
+@pytest.mark.parametrize("width", [2.0, 3.0])
+def test_edges_that_a_filter_has_blurred_stay_as_they_are(width):
+    """What is between two sides is then no share of a pixel."""
+    ramp = np.clip((20.3 + width / 2 - np.arange(SIZE[0]) - 0.5) / width, 0, 1)
+    rgb = np.broadcast_to((0.1 + 17.9 * ramp)[None, :, None], (*SIZE[::-1], 3))
+    assert len(bright_edges_of(rgb, np.zeros(rgb.shape[:2], bool)).pixel) == 0
 
 
 @pytest.mark.parametrize("focus_distance", [NEAR, FAR])

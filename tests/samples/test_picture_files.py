@@ -38,7 +38,7 @@ def picture():
     """Colours and z: a floor that recedes, something before it, the sky above."""
     rng = np.random.default_rng(3)
     width, height = SIZE
-    rgb = rng.uniform(0.1, 1, (height, width, 3)).astype(np.float32)
+    rgb = rng.uniform(0.4, 1, (height, width, 3)).astype(np.float32)
     row = np.arange(height)[:, None] + 0.5
     below = np.maximum(row - height / 2, 1e-3) / (width / 2) * math.tan(math.radians(FOV / 2))
     z = np.broadcast_to(1.5 / below, (height, width)).copy()
