@@ -5,9 +5,10 @@
 
 Mitsuba's `aov` integrator writes an EXR of colours and its own `depth`, which is along the ray and
 filtered as the colours are; `PointSamples.from_image` reads it again. **First hits** are point
-samples of as many rays, without hidden surfaces (`layers=1`) and without overscan, which a picture
-has neither of; **all** have both. Judged by a `thinlens` of two seeds, of which the noise is told.
-PSNR is of sRGB, clipped to [0, 1]. `--images` writes the pictures and errors.
+samples of as many rays, without hidden surfaces (`layers=1`), overscan, and the depth of what is
+seen in mirrors, none of which a picture has; **all** have them. Judged by a `thinlens` of two
+seeds, of which the noise is told. PSNR is of sRGB, clipped to [0, 1]. `--images` writes the
+pictures.
 """
 
 from __future__ import annotations
@@ -125,9 +126,14 @@ def compared(
         what: pm.render_samples(
             scene, sensor, integrator, spp=spp, sampling=pm.Sampling(refine=0, **options)
         )
-        for what, options in (("first", {"layers": 1, "overscan": 0}), ("all", {}))
+        for what, options in (
+            ("first", {"layers": 1, "overscan": 0, "virtual_depth": False}),
+            ("all", {}),
+        )
     }
-    of_samples["flat"] = pm.PointSamples.from_image(path, camera=camera.x_fov, lens=lens)
+    of_samples["flat"] = pm.PointSamples.from_image(
+        path, camera=camera.x_fov, lens=lens, near=camera.near_clip
+    )
     pictures = {what: np.array(pm.focus(of)) for what, of in of_samples.items()}
     reference = (halves[0] + halves[1]) / 2
     if arguments.images:

@@ -54,7 +54,7 @@ PICTURE_OPTIONS = {
     "the program that wrote it, if that is known)",
     "depth_scale": "scene units for 1 of a depth, such as 0.001 for whole numbers in mm",
     "camera": "its horizontal field of view in degrees (default: what it says)",
-    "near": "ndc: the near plane, in scene units",
+    "near": "ndc: the near plane, in scene units; distance: where it is counted from (0)",
     "far": "ndc: the far plane (default inf)",
     "clip": "ndc: opengl, -1 to 1 (default), or direct3d, 0 to 1",
     "reverse": "ndc: whether 1 is near",

@@ -8,7 +8,7 @@ Blender       ``Lens`` (mm), with stamps; a unit is a metre      ``Depth.Z`` alo
 Mitsuba       none                                               ``.T`` along the ray, 0 where
                                                                  nothing is, filtered as colours;
                                                                  it begins at ``near_clip``, 0.01
-                                                                 by default, which is neglected
+                                                                 by default
 V-Ray         ``cameraAperture`` and ``cameraFocalLength``       ``Z`` along the axis
               (mm), ``cameraFov`` (degrees), ``cameraFNumber``,
               ``cameraTargetDistance``
@@ -56,17 +56,19 @@ class KnownDepth(NamedTuple):
     """What is known of the depth that a program writes.
 
     ``background`` is the z from which on nothing was hit; with ``filtered`` the depth of a
-    pixel is a mean, in which what was not hit is 0.
+    pixel is a mean, in which what was not hit is 0. ``near`` is the plane from which on it is
+    counted, by the program's default; no file says it.
     """
 
     program: str
     kind: str
     background: float | None = None
     filtered: bool = False
+    near: float | None = None
 
 
 BLENDER = KnownDepth("Blender", "z", background=1e10)
-MITSUBA = KnownDepth("Mitsuba", "distance", filtered=True)
+MITSUBA = KnownDepth("Mitsuba", "distance", filtered=True, near=0.01)
 VRAY = KnownDepth("V-Ray", "z")
 OWN = KnownDepth("potmesil_mi", "z")
 HEIC = KnownDepth("HEIC", "z")

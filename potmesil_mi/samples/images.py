@@ -169,8 +169,16 @@ def _as_known(
     if known is None:
         return described
     background = known.background if described.background is None else described.background
+    near = described.near
+    if near is None and known.near is not None:
+        near = known.near
+        warnings.warn(
+            f"{name}: the depth of {known.program} is counted from the near plane of its sensor, "
+            f"which no file says; taken for {near:g}, its default; near (--near) gives another",
+            stacklevel=2,
+        )
     kind = cast(DepthKind, known.kind)
-    return dataclasses.replace(described, depth_kind=kind, background=background)
+    return dataclasses.replace(described, depth_kind=kind, background=background, near=near)
 
 
 def _image_of_deep(image: DeepImage, name: str, described: Described) -> SampledImage:
@@ -290,6 +298,7 @@ def _z(
         )
         _require_each_pixel("depth", depth, depth >= NEAREST, allowed)
         z = depth if kind == "z" else depth_from_ray_length(depth, x, y, camera)
+        z = z + (described.near or 0)  # None of a depth along the axis.
     return np.where(z >= (background or math.inf), np.inf, z)
 
 
@@ -307,17 +316,26 @@ def _camera(camera: Camera | float | None, size: tuple[int, ...]) -> Camera:
 def _require_planes_of(
     depth_kind: DepthKind, near: float | None, far: float, clip: Clip, reverse: bool
 ) -> None:
-    """Raise unless there are planes, and what is told of them, for NDC depth alone."""
+    """Raise unless there are planes, and what is told of them, for NDC depth alone.
+
+    A depth along the ray may be counted from a near plane.
+    """
     require_choice("clip", clip, CLIPS)
     require_flag("reverse", reverse)
     if depth_kind == "ndc":
         if near is None:
             raise ValueError("near=None: must be the near plane, in scene units, of an NDC depth")
         require_planes(near, far)
-    elif near is not None or far != math.inf or reverse or clip != "opengl":
+        return
+    if near is not None and depth_kind == "distance":
+        require_number("near", near)
+        if near < 0:
+            raise ValueError(f"near={near}: must be >= 0 scene units")
+        near = None
+    if near is not None or far != math.inf or reverse or clip != "opengl":
         raise ValueError(
-            f"near={near}, far={far}, clip={clip}, reverse={reverse}: are only of an NDC depth; "
-            f"depth_kind is {depth_kind}"
+            f"near={near}, far={far}, clip={clip}, reverse={reverse}: are only of an NDC depth, "
+            f"near of a distance, too; depth_kind is {depth_kind}"
         )
 
 

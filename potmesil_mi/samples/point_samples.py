@@ -198,8 +198,8 @@ class PointSamples(Columns):
                                       ``ndc``, the depth of a buffer; by default that of the
                                       program that wrote a file, if that is known
         ``near``, ``far``             planes of an NDC depth in scene units, with ``clip`` and
-        ``clip``, ``reverse``         ``reverse`` as in
-                                      :func:`potmesil_mi.optics.depth.depth_from_ndc`
+        ``clip``, ``reverse``         ``reverse`` as in :func:`.depth.depth_from_ndc`; ``near`` is
+                                      also where a ``distance`` is counted from, as Mitsuba does
         ``background``                z from which on nothing was hit; 0: where it is 0 or NaN
         ``surface``, ``surfaces``     uint32 (H, W), ids and names; by default the file's, or 1
         ``antialiased``               whether pixels on silhouettes show both sides, and are parted

@@ -97,9 +97,12 @@ def test_alpha_and_ids_are_those_of_the_picture():
     assert samples.surfaces == {1: "floor", 8: "ball"}
 
 
-def test_mitsubas_own_depth_is_a_distance():
+@pytest.mark.parametrize("near", [0.01, 0.8])
+def test_mitsubas_own_depth_is_a_distance_from_its_near_plane(near):
     scene = still_life(
-        {"type": "aov", "aovs": "dd:depth,pp:position", "nested": {"type": "direct"}}, spp=1
+        {"type": "aov", "aovs": "dd:depth,pp:position", "nested": {"type": "direct"}},
+        sensor={"near_clip": near},
+        spp=1,
     )
     image = np.array(mi.render(scene, spp=1))
     depth, position = image[..., -4].astype(np.float64), image[..., -3:].astype(np.float64)
@@ -112,11 +115,13 @@ def test_mitsubas_own_depth_is_a_distance():
         depth_kind="distance",
         lens=pm.ThinLens(50.0, 2.0, 2.0, millimeters_per_unit=1000),
         antialiased=False,
+        near=near,
     )
     world = np.column_stack([position.reshape(-1, 3), np.ones(hit.size)])
     z = (world @ sensor.camera_from_world().T)[:, 2]
     # The ray is that of a place within the pixel, and not of its middle.
-    np.testing.assert_allclose(samples.z[hit.ravel()], z[hit.ravel()], rtol=0.02)
+    np.testing.assert_allclose(samples.z[hit.ravel()], z[hit.ravel()], rtol=0.01)
+    assert np.mean(samples.z[hit.ravel()] / z[hit.ravel()]) == pytest.approx(1, abs=5e-4)
     assert hit.mean() > 0.5
 
 

@@ -359,12 +359,15 @@ def test_mitsubas_own_depth_gives_pictures_as_good_as_first_hits(tmp_path, rfilt
         mi.render(scene, sensor=thinlens_sensor(sensor, spp=4096), integrator=scene.integrator())
     )[..., :3]
     first_hits = pm.render_samples(scene, spp=64, sampling=pm.Sampling(layers=1, overscan=0))
-    of_picture = pm.PointSamples.from_image(path, camera=40.0, lens=sensor.lens())
+    with pytest.warns(UserWarning, match="counted from the near plane"):
+        of_picture = pm.PointSamples.from_image(path, camera=40.0, lens=sensor.lens())
     of_samples, of_file = (
         metrics.psnr(metrics.srgb(np.array(picture)[..., :3]), metrics.srgb(reference))
         for picture in (pm.focus(first_hits, rfilter=sensor.film().rfilter()), pm.focus(of_picture))
     )
     assert of_file >= of_samples - 0.5, (of_file, of_samples)
+    farther = pm.PointSamples.from_image(path, camera=40.0, lens=sensor.lens(), near=1.01)
+    np.testing.assert_allclose(farther.z.min(), of_picture.z.min() + 1, rtol=1e-5)
 
 
 # ---------------------------------------------------------------- what is easily mistaken
