@@ -39,6 +39,14 @@ SMALL_REACH = 2
 SMALL_CLASSES = 64
 """Position classes on a side of a subpixel for small circles, whose place matters most."""
 
+AS_IF_INFINITE = 0.02
+"""Radius in subpixels that the circles of what is farther away than the last table lack, at most,
+to be as large as those of what is infinitely far away, with which they are counted."""
+
+NEAREST = 1e-6
+"""Depth of the first table, as a part of the last one's, at least: precision bounds how much brighter
+than far light near light can be, and how much wider its circles."""
+
 DARKEST = 1e-12
 """Denominator of equation 20, as a part of the largest, below which a subpixel has no light."""
 
@@ -68,7 +76,11 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     inverse_square = inverse_square and not exposure.telecentric
     # The depth of an orthographic camera is affine in 1/z of what stands for its samples.
     with np.errstate(divide="ignore"):
-        stack = _TableStack.of(1 / samples.z if exposure.telecentric else samples.z, tables)
+        depths = 1 / samples.z if exposure.telecentric else samples.z
+    most = math.inf if exposure.telecentric else exposure.blur.radius_per_vergence / AS_IF_INFINITE
+    depths = np.where(depths > most, np.float32(np.inf), depths)
+    finite = depths[np.isfinite(depths)]
+    stack = _TableStack.of(np.maximum(depths, NEAREST * finite.max(initial=0)), tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if exposure.alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
@@ -85,7 +97,7 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
             weight = (samples.weight[i] * share[part])[:, None]
             falloff = np.ones_like(weight)
             if inverse_square:
-                z = np.minimum(samples.z[i], stack.farthest)
+                z = np.minimum(stack.z[i], stack.farthest)
                 falloff[:, 0] = np.square(stack.farthest / z)
             differences = np.concatenate([column[i] for column in columns], axis=1) - mean
             values = [differences * falloff, falloff]

@@ -7,6 +7,7 @@ splatted, convolved and composited.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from .. import _backend as jit
 from .._progress import track
+from ..optics.blur import Blur
 from ..optics.psf import aperture_behind
 from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
@@ -28,6 +30,7 @@ from .gathering import gather_with_known, with_offsets
 from .lens_points import LensPoints
 from .lens_view import LensView, ViewPyramid
 from .memo import Memo
+from .reach import within_reach
 from .slices import DepthSlice, Fineness, plan
 from .splat import SliceImages, splat
 
@@ -65,6 +68,9 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     Subpixels that no light reaches are 0. What each counts in its pixel is how densely it was
     sampled, 1 on the average.
     """
+    of_pixels = Blur.of(exposure.lens, exposure.samples.camera)
+    samples, memo = within_reach(exposure.samples, of_pixels, memo)
+    exposure = dataclasses.replace(exposure, samples=samples)
     aperture = aperture_behind(exposure.psf)
     kept_radius, small_area = 0.0, float(SMALL_AREA)
     if how.exact:

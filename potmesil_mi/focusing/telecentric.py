@@ -6,7 +6,6 @@ changed samples is kept with the original ones.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,20 +14,8 @@ from ..filters.base import FilterFunction
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..optics.telecentric import ThinLensPicture
 from ..samples.point_samples import PointSamples
+from .changed import Changed
 from .memo import Memo
-
-
-@dataclasses.dataclass(frozen=True)
-class Changed:
-    """Samples with their depth changed, and what has been found out about them."""
-
-    samples: PointSamples
-    memo: Memo
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes of the changed depth and of what is kept."""
-        return self.samples.z.nbytes + self.memo.nbytes
 
 
 def changed(

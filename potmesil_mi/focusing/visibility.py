@@ -7,7 +7,7 @@ negative logarithm of such a part, so that it adds up. None of it depends on whe
 focused.
 
 The decision for a fragment and a lens point is one line of :func:`_seen_from`:
-``free = dr.exp(-dr.gather(jit.Float, depth, place))``.
+``free = dr.exp(-covered)``.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def visibility(
     Returns which fragments, bool (N,), some lens point may not see as a whole; and for these, in
     their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
     fragments less than one step and ``SLANT_BINS`` bins behind the first surface of their subpixel
-    are seen from nowhere.
+    are seen from nowhere. What is so near that it leaves the largest frame, see :func:`_frame_of`,
+    is seen from there whatever is nearer still: hardly anything of it is in the picture.
     """
     if times is None or fragments.motion is None:
         times = np.zeros(len(points))
@@ -69,11 +70,8 @@ def visibility(
     coverable = _may_be_covered(fragments, every_one, radius_per_vergence, apart)
     coverable |= fragments.gap_in_front > 0
     covering = _may_be_covered(fragments, coverable, -radius_per_vergence, apart)
-    ends = fragments.vergence.min(), fragments.vergence.max()
-    middle = (ends[0] + ends[1]) / 2
-    along, _ = fragments.path_reach
-    margin = math.ceil(radius_per_vergence * (ends[1] - ends[0]) / 2 + along) + 3
-    frame = _Frame(fragments.width + 2 * margin, fragments.height + 2 * margin)
+    frame, middle = _frame_of(fragments, radius_per_vergence)
+    margin = frame.margin
     at_once = max(1, MAX_COVERED // frame.size)
     covers = _Covers.of(fragments, radius_per_vergence).chosen(covering)
     behind, before = (
@@ -89,6 +87,28 @@ def visibility(
     least = behind.bins_per_step + SLANT_BINS
     seen[(gap > 0) & (gap < least * fragments.bin_width)] = 0
     return coverable, seen
+
+
+def _frame_of(fragments: Fragments, radius_per_vergence: float) -> tuple[_Frame, float]:
+    """The frame of lens points' images, and the vergence that all of them see at the same place.
+
+    Its margin is as wide as parallax moves fragments against the middle of their vergences. Where
+    some are so near that it would have more than ``MAX_COVERED`` subpixels, it is narrower, and the
+    margin of what is farthest.
+    """
+    width, height = fragments.width, fragments.height
+    ends = fragments.vergence.min(), fragments.vergence.max()
+    along, _ = fragments.path_reach
+    half = radius_per_vergence * (float(ends[1]) - float(ends[0])) / 2
+    margin = half + along + 3
+    # Of (width + 2 margin) (height + 2 margin) = MAX_COVERED, but as wide as the window at least.
+    apart = (width - height) / 2
+    most = (math.sqrt(apart**2 + MAX_COVERED) - (width + height) / 2) / 2
+    most = max(most, width, height)
+    if margin <= most:
+        return _Frame(width, height, math.ceil(margin), False), (ends[0] + ends[1]) / 2
+    middle = ends[0] + max(most - along - 3, 0) / radius_per_vergence
+    return _Frame(width, height, math.ceil(most), True), middle
 
 
 def _relative_path(motion: np.ndarray | None) -> float:
@@ -300,10 +320,23 @@ class _Covers:
 
 
 class _Frame(NamedTuple):
-    """Subpixels of a lens point's image: the window and a margin around it."""
+    """Subpixels of a lens point's image: the window and a ``margin`` around it.
 
-    width: int
-    height: int
+    If it ``is_narrow`` there are fragments beyond it.
+    """
+
+    window_width: int
+    window_height: int
+    margin: int
+    is_narrow: bool
+
+    @property
+    def width(self) -> int:
+        return self.window_width + 2 * self.margin
+
+    @property
+    def height(self) -> int:
+        return self.window_height + 2 * self.margin
 
     @property
     def size(self) -> int:
@@ -368,6 +401,13 @@ class _FromPoint(NamedTuple):
     x: jit.Float
     y: jit.Float
 
+    def inside(self, frame: _Frame) -> jit.Bool:
+        """Which are in the frame with the subpixels right of and below them."""
+        if not frame.is_narrow:
+            return jit.Bool(True)
+        right, below = (dr.opaque(jit.Float, of - 2) for of in (frame.width, frame.height))
+        return (self.x >= 0) & (self.y >= 0) & (self.x < right) & (self.y < below)
+
     def place(self, frame: _Frame) -> jit.UInt32:
         """Index in images of all points, one after the other."""
         row = jit.UInt32(self.y) * dr.opaque(jit.UInt32, frame.width) + jit.UInt32(self.x)
@@ -387,11 +427,12 @@ def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -
     end = dr.floor(dr.fma(below_end, seen.v, seen.y + 1))
     below = end - dr.floor(seen.y) > 1
     down = dr.opaque(jit.UInt32, frame.width)
+    inside = seen.inside(frame)
     for target, active in (
-        (place, jit.Bool(True)),
-        (place + 1, right),
-        (place + down, below),
-        (place + down + 1, right & below),
+        (place, inside),
+        (place + 1, right & inside),
+        (place + down, below & inside),
+        (place + down + 1, right & below & inside),
     ):
         dr.scatter_add(depth, own, target, active, mode=dr.ReduceMode.Direct)
 
@@ -420,14 +461,15 @@ def _seen_from(
             _cover(depth, before.from_points(nearer, on_device), covers, frame)
         here = behind.part(range(bin_, bin_ + step))
         if here[0] < here[1]:
-            place = behind.from_points(here, on_device).place(frame)
-            free = dr.exp(-dr.gather(jit.Float, depth, place))
+            looking = behind.from_points(here, on_device)
+            covered = dr.gather(jit.Float, depth, looking.place(frame), looking.inside(frame))
+            free = dr.exp(-covered)
             lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, _as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
             # What still refers to the optical depths makes Dr.Jit copy them all before the next
             # step adds to them.
-            del free
+            del free, covered
     return np.array(seen).reshape(behind.count, count)
 
 

@@ -358,3 +358,16 @@ def test_covered_subpixels_are_not_copied_at_every_step():
     copied = [each["size"] for each in kernels if each["type"] == dr.KernelType.Memcpy]
     assert sum(each["type"] == dr.KernelType.JIT for each in kernels) > 20
     assert sum(copied) < 16 * fragments.width * fragments.height
+
+
+def test_what_leaves_a_bounded_frame_is_seen_and_covers_nothing(monkeypatch):
+    """Of the fragments in the frame, all see the same as in one that is large enough."""
+    fragments = gather(planes((lambda x, y: x < EDGE, 0.1), (everywhere, 4.0)), 1, 20.0)
+    points = lens_points(16)
+    coverable, wide = visibility(fragments, 20.0, points)
+    size = max(fragments.width, fragments.height)
+    monkeypatch.setattr("potmesil_mi.focusing.visibility.MAX_COVERED", size**2)
+    bounded_too, narrow = visibility(fragments, 20.0, points)
+    np.testing.assert_array_equal(bounded_too, coverable)
+    assert 0 < narrow.mean() < 255
+    np.testing.assert_array_equal(narrow, wide)
