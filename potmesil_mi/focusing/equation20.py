@@ -44,8 +44,8 @@ AS_IF_INFINITE = 0.02
 to be as large as those of what is infinitely far away, with which they are counted."""
 
 NEAREST = 1e-6
-"""Depth of the first table, as a part of the last one's, at least: precision bounds how much brighter
-than far light near light can be, and how much wider its circles."""
+"""Depth of the first table, as a part of the last one's, at least: precision bounds how much
+brighter than far light near light can be, and how much wider its circles."""
 
 DARKEST = 1e-12
 """Denominator of equation 20, as a part of the largest, below which a subpixel has no light."""

@@ -16,11 +16,11 @@ from ..samples.point_samples import PointSamples
 from .density import evened
 from .fragments import Fragments
 from .gathering import gather_with_known
+from .highlight_visibility import Jitter
 from .lens_points import LensPoints
 from .lens_view import LensView, Occluded, ViewPyramid
 from .locating import Bins, located_in, one_subpixel_each, places_of
 from .smearing import smeared
-from .visibility import Jitter
 
 LEAST_BINS = 64
 """Bins from the nearest to the farthest depth, at least."""

@@ -15,9 +15,10 @@ import numpy as np
 from .. import _backend as jit
 from .detail import Detail
 from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments, as_column
+from .highlight_visibility import Jitter, visibility_of_highlights
 from .highlights import is_highlight, parted
 from .lens_points import LensPoints
-from .visibility import Jitter, visibility, visibility_of_highlights
+from .visibility import visibility
 
 COARSER_PARTS = 3
 """Parts of a coarser view that are made before the whole is."""

@@ -9,7 +9,8 @@ import potmesil_mi as pm
 from potmesil_mi.focusing import visibility as visibility_module
 from potmesil_mi.focusing.density import evened
 from potmesil_mi.focusing.gathering import gather
-from potmesil_mi.focusing.visibility import visibility, visibility_of_highlights
+from potmesil_mi.focusing.highlight_visibility import Jitter, visibility_of_highlights
+from potmesil_mi.focusing.visibility import visibility
 from potmesil_mi.optics.disc import lens_points
 from scenes import synthetic
 
@@ -76,7 +77,7 @@ def test_points_on_the_lens_are_spread_like_a_disc(count):
 def test_turned_points_are_spread_like_a_disc_too():
     fragments = gather(planes((everywhere, 2.0)), 1, 1.0)
     points = lens_points(16)
-    jitter = visibility_module.Jitter(fragments)
+    jitter = Jitter(fragments)
     lane = np.arange(len(fragments) * 16)
     u, v = jitter.moved(
         *(mi.Float(np.tile(column, len(fragments)).astype(np.float32)) for column in points.T),
@@ -304,7 +305,7 @@ def as_they_are(self, u, v, point, fragment):
 
 @pytest.mark.parametrize("parallax", [3.0, 11.0])
 def test_both_ways_to_find_visibility_agree(half_plane, parallax, monkeypatch):
-    monkeypatch.setattr(visibility_module.Jitter, "moved", as_they_are)
+    monkeypatch.setattr(Jitter, "moved", as_they_are)
     scale = parallax / (1 - 1 / 4)
     fragments = gather(half_plane, 1, scale)
     points = lens_points(64)
