@@ -43,7 +43,7 @@ AS_IF_INFINITE = 0.02
 """Radius in subpixels that the circles of what is farther away than the last table lack, at most,
 to be as large as those of what is infinitely far away, with which they are counted."""
 
-NEAREST = 1e-6
+NEAREST = 1e-5
 """Depth of the first table, as a part of the last one's, at least: precision bounds how much
 brighter than far light near light can be, and how much wider its circles."""
 
@@ -77,8 +77,9 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     # The depth of an orthographic camera is affine in 1/z of what stands for its samples.
     with np.errstate(divide="ignore"):
         depths = 1 / samples.z if exposure.telecentric else samples.z
-    most = math.inf if exposure.telecentric else exposure.blur.radius_per_vergence / AS_IF_INFINITE
-    depths = np.where(depths > most, np.float32(np.inf), depths)
+    if not exposure.telecentric:
+        last = exposure.blur.radius_per_vergence / AS_IF_INFINITE or samples.z.min() / NEAREST
+        depths = np.where(depths > last, np.float32(np.inf), depths)
     finite = depths[np.isfinite(depths)]
     stack = _TableStack.of(np.maximum(depths, NEAREST * finite.max(initial=0)), tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if exposure.alpha else [])

@@ -102,3 +102,11 @@ def test_all_next_to_the_lens_and_the_focus_there_is_sharp():
     picture = np.array(pm.focus(samples.replace(lens=lens), lens))
     in_other_units = samples.replace(z=near.z, lens=near_lens)
     np.testing.assert_allclose(np.array(pm.focus(in_other_units)), picture, atol=1e-3)
+
+
+@pytest.mark.parametrize("f_number", [1e4, 1e12, np.inf])
+def test_equation_20_through_a_hole_shows_what_is_near_and_what_is_far(f_number):
+    samples = with_one_at(two_planes(), 1e9)
+    lens = samples.lens.replace(f_number=f_number)
+    picture = np.array(pm.focus(samples, lens, method="paper"))
+    np.testing.assert_allclose(picture.reshape(-1, 3), samples.rgb, atol=1e-3)
