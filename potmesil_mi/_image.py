@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import glob
 import os
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from ._files import require_writable, written_whole
 
 PICTURES = (".exr", ".png", ".jpg", ".jpeg")
 """Suffixes of the files that :func:`write_picture` writes."""
@@ -23,67 +22,6 @@ WINDOWS = {"dataWindow", "displayWindow"}
 
 JPEG_QUALITY = 90
 """Quality of JPEG files, 1 to 100."""
-
-
-def require_suffix(path: Path, suffixes: Iterable[str]) -> Path:
-    """The path, if its name ends in one of ``suffixes``; raises ``ValueError`` where not."""
-    suffixes = tuple(suffixes)
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: the name must end in one of {', '.join(suffixes)}")
-    return path
-
-
-def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> Path:
-    """The path, if a file of one of ``suffixes`` can be written there.
-
-    Raises ``ValueError`` for another suffix, ``FileNotFoundError``, ``IsADirectoryError`` or
-    ``PermissionError`` for a place where no file can be made.
-    """
-    path = require_suffix(Path(path), suffixes)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, not a file")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise PermissionError(f"{path}: cannot write to {path.parent}: {error.strerror}") from None
-    return path
-
-
-def require_readable(path: str | os.PathLike[str]) -> Path:
-    """The path, if there is a file that can be read from its end.
-
-    Raises ``IsADirectoryError``, ``FileNotFoundError`` or another ``OSError`` that names it.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, not a file")
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if not path.is_file():
-        raise OSError(f"{path}: is not a file that can be read from its end")
-    return path
-
-
-@contextlib.contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path``, which takes its place when the block has succeeded."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        yield temporary
-        if not temporary.is_file():
-            raise OSError(f"{path}: could not be written")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def remove_leftovers(path: Path) -> None:
-    """Remove what programs that were killed have left of a file of :func:`written_whole`."""
-    for leftover in path.parent.glob(f".{glob.escape(path.stem)}.[0-9]*{path.suffix}"):
-        leftover.unlink(missing_ok=True)
 
 
 def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._image import PICTURES, remove_leftovers, require_suffix, require_writable, write_picture
+from .._files import require_suffix, require_writable
+from .._image import PICTURES, write_picture
 
 RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 SHARD = re.compile(r"(\d+)/(\d+)")
@@ -65,7 +66,7 @@ class FrameFiles:
     def check(self, frames: Iterable[int], sources: Iterable[str]) -> None:
         """Find out before the first frame that one cannot be written, or would replace a source.
 
-        Raises what :func:`potmesil_mi._image.require_writable` does, and ``ValueError``.
+        Raises what :func:`potmesil_mi._files.require_writable` does, and ``ValueError``.
         """
         kept = {Path(source).resolve(): source for source in sources}
         folders: dict[Path, Path] = {}
@@ -94,10 +95,6 @@ class FrameFiles:
         return [path for path in every if path.stat().st_mtime < newest]
 
     def write(self, frame: int, picture: object, said: Mapping[str, Any] | None = None) -> None:
-        """Write a frame with what is ``said`` of it, see :func:`write_picture`.
-
-        What a program that was killed has left of it is removed.
-        """
+        """Write a frame with what is ``said`` of it, see :func:`write_picture`."""
         for path in self.of(frame):
             write_picture(picture, path, said)
-            remove_leftovers(path)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._image import read_srgb, require_writable, written_whole
+from .._files import require_writable, written_whole
+from .._image import read_srgb
 from .._progress import track
 
 MOVIES = (".mp4", ".mov", ".mkv")

@@ -1,104 +1,70 @@
-"""The command line: ``potmesil render``, ``focus``, ``animate``, ``compare`` and ``dof``.
-
-What a command needs is imported when it runs, and its options are made when it is asked for, so
-that ``--help`` and ``dof`` start at once and need no LLVM.
-"""
+"""The command line: ``potmesil render``, ``focus``, ``animate``, ``compare`` and ``dof``."""
 
 from __future__ import annotations
 
-import argparse
+import contextlib
+import os
+import signal
 import sys
-import warnings
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, NoReturn
+import threading
+from collections.abc import Iterator, Sequence
+from types import FrameType
+from typing import NoReturn
 
-from .animate import animate, animate_options
-from .commands import (
-    against_thinlens,
-    compare_options,
-    dof,
-    dof_options,
-    focus_options,
-    refocus,
-    render,
-    render_options,
-)
+TRACEBACK = "POTMESIL_TRACEBACK"
+"""Environment variable: if it is set, errors end in Python's traceback instead of in a line."""
+
+ENDING = ("SIGTERM", "SIGHUP")
+"""Signals that ask the program to end."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0, 1 for an error, 130 for Ctrl-C.
 
-    Wrong usage ends in ``SystemExit(2)``.
+    Wrong usage ends in ``SystemExit(2)``, a signal that asks the program to end in one of 128 and
+    its number, after what was being written has been removed.
     """
-    given = sys.argv[1:] if arguments is None else [*arguments]
     try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
-            options = _parser(given).parse_args(given)
-            options.command(options)
+        with _ended_by_signals():
+            # Not before: Ctrl-C ends the program in order while this is imported, too.
+            from .program import run
+
+            run(sys.argv[1:] if arguments is None else [*arguments])
     except KeyboardInterrupt:
         print("potmesil: interrupted", file=sys.stderr)
         return 130
-    except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
-        print(f"potmesil: error: {error}", file=sys.stderr)
+    except Exception as error:
+        if os.environ.get(TRACEBACK):
+            raise
+        print(f"potmesil: error: {_in_a_line(error)}", file=sys.stderr)
         return 1
     return 0
 
 
-class _Command(NamedTuple):
-    """A command: one line about it, what adds its options and what runs it."""
-
-    summary: str
-    add_options: Callable[[argparse.ArgumentParser], str]
-    run: Callable[[argparse.Namespace], None]
-
-
-COMMANDS = {
-    "render": _Command("render a Mitsuba scene through the lens", render_options, render),
-    "focus": _Command("form a picture from point samples", focus_options, refocus),
-    "animate": _Command("form the frames of an animation", animate_options, animate),
-    "compare": _Command(
-        "compare a focused picture with a ray-traced one: error and time",
-        compare_options,
-        against_thinlens,
-    ),
-    "dof": _Command("print depths of field; by default the paper's Table 1", dof_options, dof),
-}
-"""The commands by their names, in the order of the help."""
+def _in_a_line(error: Exception) -> str:
+    """What an error says; one that nobody expected says by its type what it is."""
+    expected = (ValueError, TypeError, OSError, RuntimeError, ImportError)
+    text = " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory: {text or 'for more'}"
+    if isinstance(error, expected) and text:
+        return str(error)
+    return f"{type(error).__name__}: {text} (unexpected; {TRACEBACK}=1 shows where)"
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of those commands only that ``arguments`` name."""
-    parser = argparse.ArgumentParser(
-        prog="potmesil",
-        description="Lens and aperture camera of Potmesil & Chakravarty (1981) for Mitsuba 3.",
-    )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, help="show program's version number and exit"
-    )
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, (summary, add_options, run) in COMMANDS.items():
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=f"{summary[0].upper()}{summary[1:]}.",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        command.set_defaults(command=run)
-        if name in arguments:
-            command.epilog = add_options(command)
-    return parser
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Signals that ask the program to end do so as an exception, which lets it tidy up."""
 
+    def end(number: int, _: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
 
-class _Version(argparse.Action):
-    """Prints the version, which takes a while to look up, and ends the program."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        from importlib.metadata import version
-
-        print(version("potmesil_mi"))
-        parser.exit()
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"potmesil: warning: {message}", file=sys.stderr)
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        numbers = [getattr(signal, name) for name in ENDING if hasattr(signal, name)]
+        before = {number: signal.signal(number, end) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

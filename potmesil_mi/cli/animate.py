@@ -89,7 +89,7 @@ def animate_options(command: argparse.ArgumentParser) -> str:
 
 def animate(options: argparse.Namespace) -> None:
     """``potmesil animate``: samples once, then the frames."""
-    from .._image import require_writable
+    from .._files import require_writable
     from ..animation.animation import Animation
     from ..animation.frames import FrameFiles, chosen_frames
     from ..animation.movie import MOVIES, write_movie
@@ -134,7 +134,7 @@ def animate(options: argparse.Namespace) -> None:
 
 def _check_movies(options: argparse.Namespace, movies: list[str], files: FrameFiles) -> None:
     """Find out before the first frame that there can be no movie."""
-    from .._image import require_writable
+    from .._files import require_writable
     from ..animation.movie import MOVIES, require_extra
 
     for movie in movies:

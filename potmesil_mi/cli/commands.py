@@ -313,7 +313,8 @@ def _check_outputs(
     pictures: Sequence[str], samples: str | None = None, maps: Sequence[MapName] = ()
 ) -> None:
     """Find out before a long rendering that its result cannot be written."""
-    from .._image import PICTURES, require_writable
+    from .._files import require_writable
+    from .._image import PICTURES
 
     if maps and not any(path.lower().endswith(".exr") for path in pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import mitsuba as mi
 import numpy as np
 
-from .._image import require_writable, write_picture
+from .._files import require_writable
+from .._image import write_picture
 from ..optics.lens import ThinLens
 from . import metrics
 from .reference import FLOOR_MARGIN

@@ -23,6 +23,7 @@ from ..optics.telecentric import (
     as_thin_lens,
     require_fitting,
 )
+from ..optics.usable import require_usable_lens
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
@@ -141,6 +142,7 @@ def form_picture(
         jit.require_vectorised_variant("focus")
     given = _plain(samples.lens if lens is None else lens)
     require_fitting(samples.camera, given)
+    require_usable_lens(given)
     lens, picture_of = _thin_lens(samples, given)
     psf = lens.aperture if psf is None else psf
     if not isinstance(psf, PointSpreadFunction):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._image import require_readable
+from .._files import require_readable
 
 MOST_CHANNELS = 1024
 """Channels of all parts of a file together, at most."""

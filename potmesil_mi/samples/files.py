@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from .._image import require_readable, require_writable, written_whole
+from .._files import require_readable, require_writable, written_whole
 from .columns import Columns, require_visibility_radius
 from .header import Header
 
@@ -43,7 +43,11 @@ def holds_samples(path: str | os.PathLike[str]) -> bool:
     That is so of archives, of what is no file, and of EXR files with the attributes of samples.
     """
     path = Path(path)
-    if path.suffix.lower() == ARCHIVE or not path.is_file():
+    if path.suffix.lower() == ARCHIVE:
+        return True
+    try:
+        require_readable(path)
+    except (OSError, ValueError):  # It is said when it is read.
         return True
     if path.suffix.lower() != ENDINGS[0]:
         return False

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,18 +15,10 @@ from .._validation import require_whole
 from ..optics.aperture import Aperture
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TYPE, TelecentricLens, require_fitting
+from ..optics.telecentric import TYPE, TelecentricLens
+from ..optics.usable import require_magnitude, require_usable_together
 from .columns import require_visibility_radius
 from .raster import Window
-
-F_NUMBERS = (1e-4, 1e12)
-"""Finite aperture numbers of which single precision forms pictures."""
-
-MAGNITUDES = (1e-30, 1e30)
-"""The same of other numbers of a camera and a lens, if they are neither 0 nor infinite."""
-
-_SMALL_AS_0 = ("to_world", "principal_point_offset")
-"""Numbers that may be as small as they like: they are added to larger ones."""
 
 LONGEST_JSON = 1 << 26
 """Most characters of a camera or a lens. An aperture of 4096 x 4096 elements may be as long."""
@@ -52,9 +43,7 @@ class Header:
     ============================  ==========================================================
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
-    ``window``, and for numbers of which single precision forms no picture: an f-number that is
-    neither in ``F_NUMBERS`` nor infinite, others beyond ``MAGNITUDES``, of which only the
-    upper bound holds for ``to_world`` and ``principal_point_offset``.
+    ``window``, and where :func:`.usable.require_usable_together` does.
     """
 
     camera: Camera
@@ -67,23 +56,14 @@ class Header:
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         for half_width in self.visibility_radius or ():
-            _require_magnitude("visibility_radius", half_width, MAGNITUDES[0])
+            require_magnitude("visibility_radius", half_width)
         crop = Window(*self.camera.crop_offset, *self.camera.crop_size)
         if not self.window.covers(crop):
             raise ValueError(
                 f"crop window {tuple(crop)}: must lie in the window {tuple(self.window)} that was "
                 "sampled"
             )
-        require_fitting(self.camera, self.lens)
-        lens = self.lens.plain()
-        least, most = F_NUMBERS
-        if isinstance(lens, ThinLens) and not (
-            least <= lens.f_number <= most or lens.f_number == math.inf
-        ):
-            raise ValueError(f"f_number={lens.f_number}: must be {least:g} to {most:g}, or inf")
-        for name, value in [*lens.parameters().items(), *self.camera.to_dict().items()]:
-            if name not in ("f_number", "aperture_radius"):
-                _require_magnitude(name, value, 0.0 if name in _SMALL_AS_0 else MAGNITUDES[0])
+        require_usable_together(self.camera, self.lens)
 
     def texts(self, version: int) -> dict[str, str]:
         """``camera``, ``lens`` and ``samples`` as JSON, for a file of that version."""
@@ -165,16 +145,3 @@ def lens_of_header(values: dict[str, Any]) -> ThinLens | TelecentricLens:
     if kind != TYPE:
         raise ValueError(f"type={kind!r}: must be {TYPE}, or not be there for a thin lens")
     return TelecentricLens.from_dict(values)
-
-
-def _require_magnitude(name: str, value: Any, least: float) -> None:
-    """Raise ``ValueError`` for a number, or one in a tuple, that single precision cannot use."""
-    if isinstance(value, tuple):
-        for i, item in enumerate(value):
-            _require_magnitude(f"{name}[{i}]", item, least)
-        return
-    most = MAGNITUDES[1]
-    usable = not isinstance(value, (int, float)) or value == 0 or abs(value) == math.inf
-    if not usable and not least <= abs(value) <= most:
-        allowed = f"0, or {least:g} to {most:g}" if least else f"at most {most:g}"
-        raise ValueError(f"{name}={value}: must be {allowed} in size")

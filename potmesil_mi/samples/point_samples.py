@@ -21,7 +21,8 @@ from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens, require_fitting
+from ..optics.telecentric import TelecentricLens
+from ..optics.usable import require_usable_together
 from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
 from .header import Header
@@ -141,7 +142,7 @@ class PointSamples(Columns):
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         require_visibility_radius(self.visibility_radius, self.visibility is not None)
-        require_fitting(self.camera, self.lens)
+        require_usable_together(self.camera, self.lens)
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()

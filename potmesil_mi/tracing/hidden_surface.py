@@ -19,6 +19,7 @@ from .._validation import require_whole
 from ..motion.motion import Motion
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
+from ..optics.usable import require_usable_together
 from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
@@ -149,6 +150,7 @@ def _sampled(
                 "whose lens has a half_angle"
             )
         widest = widest.replace(f_number=sampling.min_f_number)
+    require_usable_together(sensor.camera(), widest)
     if sampling.overscan is not None:
         window = crop.grown(sampling.overscan)
     else:

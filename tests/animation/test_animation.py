@@ -283,7 +283,8 @@ def test_folders_and_sources_are_looked_at_for_all_frames_that_are_asked_for(tmp
     files = FrameFiles([str(tmp_path / "d_{}" / "f.exr")])
     (tmp_path / "d_3").mkdir()
     files.check([3], [])
-    with pytest.raises(FileNotFoundError, match=r"there is no folder .*d_4"):
+    (tmp_path / "d_4").touch()
+    with pytest.raises(NotADirectoryError, match=r"d_4 is in a file, not a folder"):
         files.check([3, 4], [])
     with pytest.raises(ValueError, match=r"d_3/f.exr: a frame must not take its place"):
         files.check([3], [str(tmp_path / "d_3" / ".." / "d_3" / "f.exr")])

@@ -168,8 +168,10 @@ def test_output_is_a_folder_or_a_prefix(tmp_path):
     made = output_paths(f"{tmp_path}/deeper/made/")
     assert sorted(path.name for path in made) == FILES
     assert (tmp_path / "deeper" / "made").is_dir()
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
-        output_paths(f"{tmp_path}/none/prefix")
+    assert len(output_paths(f"{tmp_path}/none/prefix")) == len(FILES)
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError, match="is in a file, not a folder"):
+        output_paths(f"{tmp_path}/file/prefix")
 
 
 PERSPECTIVE = """<scene version="3.0.0"><integrator type="direct"/><emitter type="constant"/>
@@ -181,7 +183,7 @@ PERSPECTIVE = """<scene version="3.0.0"><integrator type="direct"/><emitter type
     ("arguments", "text"),
     [
         (["nothing.xml"], "nothing.xml"),
-        ([FIGURE, "-o", "{}/no/a"], "there is no folder"),
+        ([FIGURE, "-o", "/dev/null/a"], "is in a file, not a folder"),
         ([FIGURE, "--tables", "1"], "tables=1"),
         ([FIGURE, "-D", "res=16", "--sensor", "5"], "sensor=5"),
         ([FIGURE, "-D", "res=16", "--reference-spp", "1"], "reference_spp=1"),

@@ -370,12 +370,13 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
     ("name", "error"),
     [
         ("samples.png", ValueError),
-        ("missing/samples.exr", FileNotFoundError),
+        ("file/samples.exr", NotADirectoryError),
         ("folder.exr", IsADirectoryError),
     ],
 )
 def test_a_name_that_cannot_be_saved_to_is_refused(tmp_path, name, error):
     (tmp_path / "folder.exr").mkdir()
+    (tmp_path / "file").touch()
     with pytest.raises(error, match=name):
         synthetic(5).save(tmp_path / name)
 
