@@ -33,12 +33,15 @@ def within_reach(samples: PointSamples, blur: Blur, memo: Memo) -> tuple[PointSa
     reach = MOST_FRAMES * math.hypot(samples.window.width, samples.window.height)
     most = reach / blur.radius_per_vergence
     farthest, nearest = 1 / float(samples.z.max()), 1 / float(samples.z.min())
-    if nearest - farthest <= most:
+    focused = blur.focused_vergence
+    if nearest - farthest <= most and farthest <= focused + most:
         return samples, memo
-    if blur.focused_vergence <= farthest + most:
+    if farthest > focused + most:  # All of them are out of reach.
+        farthest = nearest = focused + most
+    elif focused <= farthest + most:
         nearest = farthest + most
     else:
-        nearest = min(nearest, blur.focused_vergence + most / 2)
+        nearest = min(nearest, focused + most / 2)
         farthest = nearest - most
 
     def make() -> Changed:

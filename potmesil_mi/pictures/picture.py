@@ -162,9 +162,10 @@ def read_picture(
         surface, surfaces = _surfaces(file, ids)
         surface = surface[frame.rows_and_columns(ids.part, file.path)]
     if values.shape != rgb.shape[:2]:
+        of_depth_file = file.path if depth is None or isinstance(depth, np.ndarray) else depth
         raise ValueError(
-            f"{file.path if depth is None or isinstance(depth, np.ndarray) else depth}: its depth "
-            f"has the shape {values.shape}, must have {rgb.shape[:2]}, as the colours"
+            f"{of_depth_file}: its depth has the shape {values.shape}, must have {rgb.shape[:2]}, "
+            f"as the colours of {file.path}"
         )
     return Picture(rgb, values, frame, surface, surfaces)
 

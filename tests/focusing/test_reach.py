@@ -110,3 +110,12 @@ def test_equation_20_through_a_hole_shows_what_is_near_and_what_is_far(f_number)
     lens = samples.lens.replace(f_number=f_number)
     picture = np.array(pm.focus(samples, lens, method="paper"))
     np.testing.assert_allclose(picture.reshape(-1, 3), samples.rgb, atol=1e-3)
+
+
+@pytest.mark.parametrize("method", ["layered", "lightfield"])
+def test_where_all_is_next_to_the_lens_the_picture_is_even(method):
+    samples = two_planes()
+    samples = samples.replace(z=samples.z * np.float32(1e-20))
+    picture = np.array(pm.focus(samples, method=method))
+    assert np.ptp(picture) < 0.05
+    assert picture.mean() == pytest.approx(samples.rgb.mean(), abs=0.05)

@@ -523,61 +523,6 @@ def test_a_header_that_asks_for_too_much_memory_is_refused(tmp_path):
         pm.PointSamples.from_image(path, camera=FOV, lens=LENS, depth_kind="z")
 
 
-def originals(folder):
-    """Files of several forms, small."""
-    rgb, z = picture()
-    attributes, _ = HEADERS["V-Ray"]
-    channels = {**rgb_channels(rgb), "Z": in_float32(z, 1e10)}
-    codes = np.round(255 * rgb).astype(np.uint8)
-    np.save(folder / "z.npy", np.minimum(z, 1e5))
-    return [
-        write_exr(folder / "a.exr", channels, **attributes),
-        write_exr(
-            folder / "parts.exr", rgb_channels(rgb, "V.Combined."), {"V.Depth.Z": channels["Z"]}
-        ),
-        write_image(folder / "a.png", codes),
-        write_image(folder / "a.tif", codes),
-        write_image(folder / "a.jpg", codes),
-        folder / "z.npy",
-    ]
-
-
-@pytest.mark.slow
-def test_two_thousand_broken_files_are_clear_errors_or_sound_samples(tmp_path):
-    rng = np.random.default_rng(12)
-    good = originals(tmp_path)
-    depth, outcomes, unnamed = good[-1], {"error": 0, "samples": 0}, []
-    options = {"camera": FOV, "lens": LENS, "depth_kind": "z", "background": 1e9}
-    for number in range(2000):
-        source = good[number % len(good)]
-        data = bytearray(source.read_bytes())
-        kind = rng.integers(4)
-        if kind == 0:
-            del data[rng.integers(len(data)) :]
-        elif kind == 1:
-            start = rng.integers(len(data))
-            del data[start : start + int(rng.integers(1, 64))]
-        else:
-            head = 600 if kind == 2 else len(data)
-            for _ in range(int(rng.integers(1, 9))):
-                data[rng.integers(min(head, len(data)))] = rng.integers(256)
-        path = tmp_path / f"broken{source.suffix}"
-        path.write_bytes(data)
-        files = (good[0], path) if source == depth else (path,)
-        files = (*files, depth) if source.suffix in (".png", ".tif", ".jpg") else files
-        try:
-            samples = pm.PointSamples.from_image(*files, **options)
-        except (ValueError, OSError) as error:
-            outcomes["error"] += 1
-            unnamed += [str(error)] * (str(tmp_path) not in str(error))
-        else:
-            assert np.isfinite(samples.rgb).all()
-            assert (samples.z > 0).all()
-            outcomes["samples"] += 1
-    assert not unnamed
-    assert min(outcomes.values()) > 200, outcomes
-
-
 def test_a_picture_that_blender_wrote_is_refocused_by_one_command(tmp_path):
     """``benchmarks/blender.py --sample`` made it: multi-part, with stamps, of Blender 5.0.1."""
     path = DATA / "blender.exr"
