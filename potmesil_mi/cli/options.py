@@ -209,6 +209,10 @@ def add_method(command: argparse.ArgumentParser) -> None:
 
     group = command.add_argument_group("focus stage")
     _add_parameters(group, get_type_hints(method_of), METHOD_OPTIONS)
+    group.add_argument(
+        "--max-memory", metavar="SIZE",
+        help="memory that it may take, such as 4G (default: what is free); more is refused",
+    )  # fmt: skip
 
 
 def add_denoise(command: argparse.ArgumentParser, default: str) -> None:

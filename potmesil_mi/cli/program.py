@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
+from .._memory import limited_to
 from .animate import animate, animate_options
 from .commands import (
     against_thinlens,
@@ -33,7 +34,8 @@ def run(arguments: Sequence[str]) -> None:
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         options = _parser(arguments).parse_args(arguments)
-        options.command(options)
+        with limited_to(getattr(options, "max_memory", None)):
+            options.command(options)
 
 
 class _Command(NamedTuple):

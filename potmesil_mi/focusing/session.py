@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from .._memory import require_memory
 from .._validation import require_flag
 from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
@@ -30,6 +31,9 @@ from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
 from .methods import Method, MethodName
 from .telecentric import changed, require_usable
+
+BYTES_PER_SUBPIXEL = 450.0
+"""Memory that a focus takes at its largest for each subpixel of the samples' window, about."""
 
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
@@ -159,6 +163,7 @@ def form_picture(
     subpixels = method.squares
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
+    _require_memory(samples, subpixels)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
         _require_hashable(channel)
@@ -187,6 +192,16 @@ def form_picture(
         for grown in (memo, owned):
             grown.trim()
         return jit.TensorXf(picture.astype(np.float32, copy=False))
+
+
+def _require_memory(samples: PointSamples, subpixels: int) -> None:
+    """Raise ``MemoryError`` where the subpixels alone take more than there is."""
+    window = samples.window
+    require_memory(
+        BYTES_PER_SUBPIXEL * window.width * window.height * subpixels**2,
+        f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels",
+        "a crop of the samples and fewer squares take less",
+    )
 
 
 def _thin_lens(

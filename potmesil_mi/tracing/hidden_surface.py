@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from .._backend import require_vectorised_variant
+from .._memory import require_memory
 from .._validation import require_whole
 from ..motion.motion import Motion
 from ..optics.lens import ThinLens
@@ -41,6 +42,10 @@ from .shapes import surface_ids
 from .splitting import split
 from .sweeping import Sweep
 from .transmission import VeilKinds, veil_kinds
+
+BYTES_AT_LEAST, BYTES_PER_RAY = 300e6, 110.0
+"""Memory that sampling takes at its largest, beside the scene: at least, and for each ray of the
+pinhole. Crowded scenes have taken twice as much."""
 
 SAME_DEPTH = 1e-5
 """Ratio, less 1, of depths of one thing that was traced twice."""
@@ -158,6 +163,13 @@ def _sampled(
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     if sweep is not None:
         window = window.grown(math.ceil(sweep.reach))
+    count = window.width * window.height * passes.spp * (1 + sampling.refine)
+    require_memory(
+        BYTES_AT_LEAST + BYTES_PER_RAY * count,
+        f"sampling {window.width}x{window.height} pixels, {passes.spp} samples each and "
+        f"{sampling.refine:.0%} more,",
+        "fewer samples (spp), a smaller film or crop windows of it take less",
+    )
     fireflies = Fireflies.of(scene, ids, sampling.clamp)
     visible = sample_visible(rays, window, sampling, fireflies)
     columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers, sweep)
