@@ -93,10 +93,13 @@ def written_whole(path: Path) -> Iterator[Path]:
             raise OSError(f"{path}: could not be written")
         _take_over(target, temporary)
         os.replace(temporary, target)
-    except OSError as error:
-        text = str(error) if error.strerror is None else f"{path}: {error.strerror}"
+    except (OSError, RuntimeError) as error:  # OpenEXR raises the latter.
+        kind, said = (
+            (type(error), error.strerror) if isinstance(error, OSError) else (OSError, None)
+        )
+        text = str(error) if said is None else f"{path}: {said}"
         text = text.replace(str(temporary), str(path)).replace(temporary.name, path.name)
-        raise type(error)(text) from error
+        raise kind(text if str(path) in text else f"{path}: {text}") from error
     finally:
         temporary.unlink(missing_ok=True)
 

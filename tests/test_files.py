@@ -14,7 +14,7 @@ import potmesil_mi as pm
 from potmesil_mi._files import require_readable, require_writable, written_whole
 from potmesil_mi._image import write_picture
 from potmesil_mi.cli import main
-from scenes import synthetic
+from scenes import SCENES, synthetic
 
 PICTURE = np.ones((4, 6, 3))
 
@@ -95,6 +95,17 @@ def test_errors_name_the_file_that_was_asked_for(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_disk_that_is_full_for_a_library_is_an_os_error(tmp_path):
+    path = tmp_path / "a.exr"
+
+    def write():
+        with written_whole(path):
+            raise RuntimeError("no space left")
+
+    with pytest.raises(OSError, match=rf"^{path}: no space left$"):
+        write()
+
+
 def test_places_where_no_file_can_be_are_named(tmp_path):
     (tmp_path / "file").touch()
     os.mkfifo(tmp_path / "pipe.png")
@@ -115,6 +126,18 @@ def test_places_where_no_file_can_be_are_named(tmp_path):
     ):
         with pytest.raises(error, match=text):
             require_readable(f"{tmp_path}/{place}")
+
+
+def test_the_picture_is_written_even_where_the_samples_cannot_be(tmp_path, capsys, monkeypatch):
+    def full(self, path):
+        raise OSError(f"{path}: No space left on device")
+
+    monkeypatch.setattr(pm.PointSamples, "save", full)
+    samples, picture = tmp_path / "a.samples", tmp_path / "a.png"
+    scene = ["render", str(SCENES / "figure11.xml"), "-D", "res=8", "--spp", "1"]
+    assert main([*scene, "-o", str(picture), "--samples", str(samples)]) == 1
+    assert capsys.readouterr().err == f"potmesil: error: {samples}: No space left on device\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 WRITES = """

@@ -174,6 +174,7 @@ def _of_scene(
     camera = session.samples.camera
     for frame, picture in pictures:
         files.write(frame, picture, attributes_of_formed(camera, animation.lens_at(lens, frame)))
+    opened.require_kept()
 
 
 def _opened(options: argparse.Namespace, animation: Animation) -> Opened:

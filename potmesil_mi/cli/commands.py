@@ -88,6 +88,7 @@ def render(options: argparse.Namespace) -> None:
         alpha=opened.has_alpha,
     )
     _write(picture, samples, options.output, maps)
+    opened.require_kept()
 
 
 # ---------------------------------------------------------------- focus

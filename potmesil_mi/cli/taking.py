@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Opened:
-    """A scene, and how its integrator and the options say that it is sampled and focused."""
+    """A scene, and how its integrator and the options say that it is sampled and focused.
+
+    ``not_kept`` are the errors of samples that were to be kept and could not be written.
+    """
 
     scene: mi.Scene
     sensor: mi.Sensor
@@ -39,6 +42,7 @@ class Opened:
     method: Method
     filters: tuple[FilterFunction, ...]
     motion: Motion | None
+    not_kept: list[OSError] = dataclasses.field(default_factory=list)
 
     @classmethod
     def of(cls, options: argparse.Namespace, lens: Mapping[str, Any] | None = None) -> Opened:
@@ -77,7 +81,10 @@ class Opened:
         seed: int | None = None,
         motion: Motion | None = None,
     ) -> PointSamples:
-        """The samples, kept where the options say; ``seed``, ``motion`` are theirs by default."""
+        """The samples, kept where the options say; ``seed``, ``motion`` are theirs by default.
+
+        That they cannot be kept is told by :meth:`require_kept`, when pictures have been formed.
+        """
         from ..tracing.hidden_surface import render_samples
 
         if self.denoise:
@@ -92,8 +99,16 @@ class Opened:
             motion=motion or self.motion,
         )
         if options.samples:
-            samples.save(options.samples)
+            try:
+                samples.save(options.samples)
+            except OSError as error:
+                self.not_kept.append(error)
         return samples.denoised() if self.denoise else samples
+
+    def require_kept(self) -> None:
+        """Raise ``OSError`` if samples could not be kept."""
+        for error in self.not_kept:
+            raise error
 
 
 def samples_of_file(
