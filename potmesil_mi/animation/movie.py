@@ -51,7 +51,10 @@ def write_movie(path: str | os.PathLike[str], frames: Sequence[Path], fps: float
     write = ("-an", "-c:v", "libx264", "-crf", QUALITY, *COLOURS)
     with written_whole(path) as temporary:
         command = [program, "-loglevel", "error", "-y", *read, *write, str(temporary)]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as ffmpeg:
+        # No shell reads the command, and the name of a temporary file begins with a dot.
+        with subprocess.Popen(  # noqa: S603
+            command, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as ffmpeg:
             assert ffmpeg.stdin is not None
             try:
                 for frame in track(frames, "Movie"):
