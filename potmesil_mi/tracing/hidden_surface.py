@@ -43,7 +43,7 @@ from .splitting import split
 from .sweeping import Sweep
 from .transmission import VeilKinds, veil_kinds
 
-BYTES_AT_LEAST, BYTES_PER_RAY = 300e6, 110.0
+BYTES_AT_LEAST, BYTES_PER_RAY = 300e6, 90.0
 """Memory that sampling takes at its largest, beside the scene: at least, and for each ray of the
 pinhole. Crowded scenes have taken twice as much."""
 
