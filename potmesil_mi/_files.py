@@ -29,7 +29,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> P
     Raises ``ValueError`` for another suffix or a name that no file can have, ``IsADirectoryError``
     or another ``OSError`` that names it for a place where none can be made.
     """
-    path = require_suffix(_named(path), suffixes)
+    path = require_suffix(require_path(path), suffixes)
     try:
         target = _target(path)
         if target.is_dir():
@@ -54,7 +54,7 @@ def require_readable(path: str | os.PathLike[str]) -> Path:
     Raises ``IsADirectoryError``, ``FileNotFoundError`` or another ``OSError`` that names it, and
     ``ValueError`` for a name that no file can have.
     """
-    path = _named(path)
+    path = require_path(path)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -68,10 +68,17 @@ def require_readable(path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _named(path: str | os.PathLike[str]) -> Path:
-    """The path; raises ``ValueError`` for a name that no file can have."""
+def require_path(path: str | os.PathLike[str], name: str = "path") -> Path:
+    """The path, which the parameter ``name`` gives.
+
+    Raises ``TypeError`` for what is no path, ``ValueError`` for a name that no file can have.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"{name}={path!r}: must be the name of a file")
     if "\0" in os.fspath(path):
         raise ValueError(f"{os.fspath(path)!r}: is not the name of a file: it has a zero in it")
+    if not os.fspath(path):
+        raise ValueError(f"{name}={path!r}: must be the name of a file")
     return Path(path)
 
 

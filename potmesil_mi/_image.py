@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._files import require_writable, written_whole
+from ._files import require_path, require_writable, written_whole
 
 PICTURES = (".exr", ".png", ".jpg", ".jpeg")
 """Suffixes of the files that :func:`write_picture` writes."""
@@ -27,15 +27,18 @@ JPEG_QUALITY = 90
 def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
     """The linear luminance of a picture that Mitsuba can read, float64 (H, W), rows from the top.
 
-    Raises ``FileNotFoundError`` where there is none.
+    Raises ``FileNotFoundError`` where there is none, ``ValueError`` for what is no picture.
     """
     import mitsuba as mi
 
+    shown = f"filename={os.fspath(require_path(path, 'filename'))!r}"
     if not os.path.exists(path):
-        raise FileNotFoundError(f"filename={os.fspath(path)!r}: there is no such file")
-    bitmap = mi.Bitmap(os.fspath(path)).convert(
-        mi.Bitmap.PixelFormat.Y, mi.Struct.Type.Float32, srgb_gamma=False
-    )
+        raise FileNotFoundError(f"{shown}: there is no such file")
+    try:
+        bitmap = mi.Bitmap(os.fspath(path))
+    except RuntimeError as error:
+        raise ValueError(f"{shown}: is no picture that can be read: {error}") from error
+    bitmap = bitmap.convert(mi.Bitmap.PixelFormat.Y, mi.Struct.Type.Float32, srgb_gamma=False)
     values = np.array(bitmap, dtype=np.float64)  # Its size has a type that needs a variant.
     return values.reshape(values.shape[:2])
 

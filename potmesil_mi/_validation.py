@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
@@ -31,6 +32,52 @@ def require_number(name: str, value: Any, least: float = -math.inf, most: float 
         if math.isinf(most):
             allowed = "finite" if math.isinf(least) else f">= {least:g} and finite"
         raise ValueError(f"{name}={value}: must be {allowed}")
+
+
+def require_positive(name: str, value: Any, unit: str = "") -> None:
+    """Raise unless ``value`` is a finite number > 0, of ``unit``."""
+    require_number(name, value)
+    if not value > 0:
+        raise ValueError(f"{name}={value}: must be > 0{unit and f' {unit}'}")
+
+
+def require_field_of_view(name: str, value: Any) -> None:
+    """Raise unless ``value`` is a number > 0 and < 180, of degrees."""
+    require_number(name, value)
+    if not 0 < value < 180:
+        raise ValueError(f"{name}={value}: must be > 0 and < 180 degrees")
+
+
+def require_not_before(name: str, value: Any, first: str, begin: float) -> None:
+    """Raise unless ``value`` is a number that is no less than ``begin``, the value of ``first``."""
+    require_number(name, value)
+    if value < begin:
+        raise ValueError(f"{name}={value}: must be >= {begin:g}, which is {first}")
+
+
+def require_kind(name: str, value: Any, kinds: type | tuple[type, ...], allowed: str) -> None:
+    """Raise ``TypeError`` unless ``value`` is of one of the ``kinds``."""
+    if not isinstance(value, kinds):
+        raise TypeError(f"{name}={reprlib.repr(value)}: must be {allowed}")
+
+
+def require_numbers(name: str, values: Any) -> np.ndarray:
+    """The array of ``values``, of any shape. Raise ``TypeError`` unless all are numbers."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # Lists of unequal lengths.
+        array = np.empty(0, object)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name}={reprlib.repr(values)}: must be numbers")
+    return array
+
+
+def require_vector(name: str, values: Any) -> np.ndarray:
+    """The three ``values``, float64 (3,). Raise unless they are finite numbers."""
+    vector = require_numbers(name, values).astype(np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{name}={reprlib.repr(values)}: must be three finite numbers")
+    return vector
 
 
 def require_flag(name: str, value: Any) -> None:

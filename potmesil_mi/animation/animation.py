@@ -13,18 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
 from .._progress import ProgressCallback, progress, reported
-from .._validation import require_number, require_whole
-from ..filters.base import Filter, FilterFunction
+from .._validation import require_kind, require_number, require_whole
+from ..filters.base import Filter, FilterFunction, as_filters
 from ..focusing.session import FocusSession
 from ..motion.camera_move import CameraMove
 from ..motion.motion import MOTION_TABLES, Motion, Moves, moves_of
 from ..motion.shape_move import ShapeMove
 from ..motion.shutter import Shutter
 from ..motion.toml import read_toml, table_of
-from ..motion.track import Scale, Track, is_list_of_keys, named, require_known, values_at
+from ..motion.track import (
+    Scale,
+    Track,
+    at_frame,
+    is_list_of_keys,
+    named,
+    require_known,
+    values_at,
+)
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens
+from ..optics.telecentric import TelecentricLens, require_lens
 from ..samples.point_samples import PointSamples
 
 if TYPE_CHECKING:
@@ -68,8 +76,13 @@ class AnimatedFilter:
     name: str
     parameters: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        require_kind("name", self.name, str, "the name of a filter, such as 'fade'")
+        require_kind("parameters", self.parameters, Mapping, "a mapping, of names to values")
+
     def at(self, frame: float) -> Filter:
         """The filter of a frame. Raises what the filter raises."""
+        require_number("frame", frame)
         return Filter.member(self.name).of_parameters(values_at(self.parameters, frame))
 
 
@@ -110,10 +123,17 @@ class Animation(Moves):
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
         if not isinstance(self.frames, range) or self.frames.step != 1 or not self.frames:
             raise ValueError(f"frames={self.frames!r}: must be a range of one frame at least")
-        for name in self.lens:
+        self._require_moves()
+        require_kind("lens", self.lens, Mapping, "a mapping, of parameters to a Track each")
+        for name, value in self.lens.items():
             if name not in LENS_TRACKS and name != APERTURE:
                 known = ", ".join((*LENS_TRACKS, APERTURE))
                 raise ValueError(f"lens.{name}: unknown, must be one of {known}")
+            kind = Aperture if name == APERTURE else Track
+            require_kind(f"lens.{name}", value, kind, f"a {kind.__name__}")
+        require_kind("filters", self.filters, (tuple, list), "a tuple of AnimatedFilter")
+        for i, one in enumerate(self.filters):
+            require_kind(f"filters[{i}]", one, AnimatedFilter, "an AnimatedFilter")
 
     # ------------------------------------------------------------ from texts
 
@@ -163,8 +183,9 @@ class Animation(Moves):
 
         Raises ``ValueError`` or ``TypeError`` that names the frame and the parameter.
         """
+        require_lens(lens)
         tracks, distance = dict(self.lens), self.lens.get(FOCUS_DISTANCE)
-        with named(f"frame {frame:g}"):
+        with at_frame(frame):
             if isinstance(lens, TelecentricLens) and isinstance(distance, Track):
                 # Its circles change evenly with the depth itself.
                 tracks[FOCUS_DISTANCE] = dataclasses.replace(distance, scale="linear")
@@ -179,7 +200,7 @@ class Animation(Moves):
         """The filters of a frame. Raises what :meth:`lens_at` raises."""
         filters = []
         for i, one in enumerate(self.filters):
-            with named(f"frame {frame:g}: filters[{i}]"):
+            with at_frame(frame, f": filters[{i}]"):
                 filters.append(one.at(frame))
         return tuple(filters)
 
@@ -231,14 +252,18 @@ class Animation(Moves):
                 f"{self.moves}: moves, so that each frame needs samples of its own; `potmesil "
                 "animate SCENE.xml` takes them"
             )
+        kinds = (FocusSession, PointSamples)
+        require_kind("session", session, kinds, "a FocusSession, or PointSamples")
         if not isinstance(session, FocusSession):
             session = FocusSession(session)
-        chosen = list(self.frames if frames is None else frames)
+        frames = self.frames if frames is None else frames
+        require_kind("frames", frames, Iterable, "numbers of frames")
+        chosen = list(frames)
         for frame in chosen:
             require_whole("frames", frame, self.frames.start, self.frames.stop - 1)
         lens = session.samples.lens if lens is None else lens
         lenses = [self.lens_at(lens, frame) for frame in chosen]
-        return self._formed(session, chosen, lenses, tuple(filters), rfilter, alpha)
+        return self._formed(session, chosen, lenses, as_filters(filters), rfilter, alpha)
 
     def _formed(
         self,

@@ -21,7 +21,12 @@ from ..focusing.api import focus
 from ..focusing.methods import Method, MethodName, method_of
 from ..samples.denoising import require_extra
 from ..samples.point_samples import PointSamples
-from ..tracing.hidden_surface import WrappingIntegrator, render_samples
+from ..tracing.hidden_surface import (
+    WrappingIntegrator,
+    nested_of,
+    render_samples,
+    require_sampling,
+)
 from ..tracing.passes import sample_count
 from ..tracing.sampling import Sampling
 from ..tracing.sensor import is_orthographic, pick_sensor, potmesil_sensor
@@ -29,7 +34,7 @@ from . import metrics
 from .reference import REFERENCE_SPP, Reference
 from .report import Comparison, Rendering
 from .search import Found, Search
-from .thinlens import SAMPLERS, ThinlensRenderer, rounded_up, thinlens_sensor
+from .thinlens import MOST_SPP, SAMPLERS, ThinlensRenderer, rounded_up, thinlens_sensor
 from .timing import NEVER, Deadline, Measured, Stages, measured, timed_stages
 
 BUDGET = 600.0
@@ -95,16 +100,16 @@ def compare(
         inverse_square=inverse_square,
         squares=squares,
     )
-    require_whole("seed", seed, 0, 2**32 - 1)
-    require_flag("denoise", denoise)
+    _require_samples(spp, seed, sampling, denoise)
     _require_bounds(reference_spp, reference_floor, budget)
     if denoise:
         require_extra()
-    sensor = _comparable(scene, sensor)
-    integrator = integrator or scene.integrator()
-    wrapping = isinstance(integrator, WrappingIntegrator)
-    nested = integrator.nested if wrapping else integrator
+    sensor = pick_sensor(scene, sensor)
+    integrator = scene.integrator() if integrator is None else integrator
+    nested = nested_of(integrator)
+    sensor = _comparable(sensor)
     if sampling is None:
+        wrapping = isinstance(integrator, WrappingIntegrator)
         sampling = integrator.sampling if wrapping else Sampling()
     sampling = dataclasses.replace(sampling, features=sampling.features or denoise)
     spp = sample_count(sensor.sampler(), spp)
@@ -132,13 +137,21 @@ def compare(
     return _judged(renderer, stages, bounds, chosen)
 
 
+def _require_samples(spp: int, seed: int, sampling: Sampling | None, denoise: bool) -> None:
+    """Raise ``ValueError`` or ``TypeError`` for bad parameters of the samples."""
+    for name, value in (("spp", spp), ("seed", seed)):
+        require_whole(name, value, 0, 2**32 - 1)
+    require_sampling(sampling)
+    require_flag("denoise", denoise)
+
+
 def _require_bounds(
     reference_spp: int, reference_floor: float | None, budget: float | None
 ) -> None:
     """Raise ``ValueError`` or ``TypeError`` for bad parameters of :func:`compare`."""
-    require_whole("reference_spp", reference_spp, 2, 2**24)
-    if reference_floor is not None and not math.isfinite(reference_floor):
-        raise ValueError(f"reference_floor={reference_floor}: must be a finite number of dB")
+    require_whole("reference_spp", reference_spp, 2, MOST_SPP)
+    if reference_floor is not None:
+        require_number("reference_floor", reference_floor)
     if budget is not None:
         require_number("budget", budget, 0)
 
@@ -166,12 +179,11 @@ class _Bounds:
     deadline: Deadline
 
 
-def _comparable(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
+def _comparable(sensor: mi.Sensor) -> mi.Sensor:
     """The ``potmesil`` sensor, if there is a ``thinlens`` for it and its picture is large enough.
 
     Raises ``ValueError`` otherwise.
     """
-    sensor = pick_sensor(scene, sensor)
     if not is_orthographic(sensor):  # thinlens_sensor refuses it
         sensor = potmesil_sensor(sensor)
     thinlens_sensor(sensor)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import mitsuba as mi
 import numpy as np
 
-from .._files import require_writable
+from .._files import require_path, require_writable
 from .._image import write_picture
 from ..optics.lens import ThinLens
 from . import metrics
@@ -229,6 +229,7 @@ def output_paths(output: str | os.PathLike[str]) -> dict[Path, str]:
     In ``output`` if it is a folder or ends in a slash, which makes the folder; else beside it.
     Raises an ``OSError`` where they cannot be written.
     """
+    require_path(output, "output")
     text = os.fspath(output)
     named_folder = text.endswith(("/", os.sep))
     if named_folder:

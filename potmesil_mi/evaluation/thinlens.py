@@ -8,6 +8,7 @@ import math
 import mitsuba as mi
 import numpy as np
 
+from .._validation import require_kind, require_whole
 from ..optics.disc import Disc
 from ..optics.lens import ThinLens
 from ..samples.denoising import require_extra
@@ -16,6 +17,9 @@ from ..tracing.sensor import is_orthographic, potmesil_sensor
 
 FEATURES = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
 """The integrator of what a denoiser goes by; another one in it gives the radiance."""
+
+MOST_SPP = 1 << 24
+"""Most samples a pixel."""
 
 SAMPLERS = ("multijitter", "orthogonal", "ldsampler")
 """Mitsuba's samplers among which the best one for ``thinlens`` is looked for."""
@@ -45,6 +49,15 @@ def thinlens_sensor(
         )
     sensor = potmesil_sensor(sensor)
     lens = sensor.lens() if lens is None else lens
+    require_kind("lens", lens, ThinLens, "a ThinLens")
+    require_whole("spp", spp, 1, MOST_SPP)
+    require_kind("sampler", sampler, str, f"the name of a sampler, such as {SAMPLERS[0]}")
+    try:
+        rounded = rounded_up(sampler, spp)
+    except RuntimeError as error:
+        raise ValueError(
+            f"sampler={sampler!r}: must be the name of a sampler, such as {SAMPLERS[0]} ({error})"
+        ) from error
     camera = sensor.camera()
     plain = lens.aperture == Disc() and lens.squeeze == 1 and lens.vignetting == 0
     if not plain and lens.plain().aperture_radius > 0:
@@ -66,7 +79,7 @@ def thinlens_sensor(
             "shutter_open": camera.shutter_open,
             "shutter_close": camera.shutter_close,
             "film": _rgb_film(sensor.film()),
-            "sampler": {"type": sampler, "sample_count": rounded_up(sampler, spp)},
+            "sampler": {"type": sampler, "sample_count": rounded},
         }
     )
     if sensor.get_medium() is not None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._spec import Spec
-from .._validation import require_number
+from .._validation import require_kind, require_number, require_numbers
 from ..optics.lens import ThinLens
 
 FilterFunction = Callable[[np.ndarray, ThinLens, float], np.ndarray]
@@ -95,11 +95,10 @@ def apply_filters(
     ``TypeError`` that names the parameter.
     """
     filters = as_filters(filters)
-    image = np.array(picture, dtype=np.float64)
+    image = np.array(require_numbers("picture", picture), dtype=np.float64)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or image.size == 0:
         raise ValueError(f"picture: has shape {image.shape}, must be (height, width, 3 or 4)")
-    if not isinstance(lens, ThinLens):
-        raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens")
+    require_kind("lens", lens, ThinLens, "a ThinLens, such as samples.lens")
     if pixels_per_mm is None:
         pixels_per_mm = image.shape[1] / float(lens.frame_width)
     require_number("pixels_per_mm", pixels_per_mm, 0)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from .._validation import require_kind, require_number
 from ..optics.camera import Camera, angles_of, look_at, orientation
-from .track import Track, VectorTrack, tracks_of
+from .track import Track, VectorTrack, require_tracks, tracks_of
 
 ANGLES = ("pan", "tilt", "swing")
 
@@ -50,6 +51,7 @@ class CameraMove:
     zoom: Track | None = None
 
     def __post_init__(self) -> None:
+        require_tracks(self, KINDS)
         for name in ANGLES:
             if self.target is not None and getattr(self, name) is not None:
                 raise ValueError(f"{name}: must not be given with target, which says the same")
@@ -69,6 +71,8 @@ class CameraMove:
 
         Raises ``ValueError`` for a target where the camera stands, or along ``up``.
         """
+        require_kind("camera", camera, Camera, "a Camera")
+        require_number("frame", frame)
         own = camera.world_from_camera()
         scale = np.linalg.norm(own[:3, :3], axis=0)
         origin = own[:3, 3] if self.origin is None else self.origin.at(frame)

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from .._validation import require_kind, require_number
 from ..optics.camera import Camera
 from .camera_move import CameraMove
 from .shape_move import ShapeMove
 from .shutter import Shutter
 from .toml import read_toml, table_of
-from .track import named, require_known
+from .track import at_frame, named, require_known
 
 
 class Moves:
@@ -26,13 +27,25 @@ class Moves:
 
     camera: CameraMove | None
     shapes: Mapping[str, ShapeMove]
+    shutter: Shutter | None
+
+    def _require_moves(self) -> None:
+        """Raise ``TypeError`` for a field of another kind."""
+        for name, value, kind in (
+            ("camera", self.camera, CameraMove),
+            ("shutter", self.shutter, Shutter),
+        ):
+            if value is not None:
+                require_kind(name, value, kind, f"a {kind.__name__} or None")
+        require_kind("shapes", self.shapes, Mapping, "a mapping, of ids to a ShapeMove each")
+        for name, move in self.shapes.items():
+            require_kind(f"shapes.{name}", move, ShapeMove, "a ShapeMove")
 
     def camera_at(self, camera: Camera, frame: float) -> Camera:
         """Where a ``camera`` stands at a frame. Raises ``ValueError`` that names the frame."""
-        if self.camera is None:
-            return camera
-        with named(f"frame {frame:g}: camera"):
-            return self.camera.at(camera, frame)
+        require_kind("camera", camera, Camera, "a Camera")
+        with at_frame(frame, ": camera"):
+            return camera if self.camera is None else self.camera.at(camera, frame)
 
     def transforms_at(
         self, centres: Mapping[str, np.ndarray], frame: float
@@ -42,9 +55,12 @@ class Moves:
         ``centres``, (3,) each, are the middles of their bounding boxes. Raises ``ValueError`` that
         names the frame and the shape.
         """
+        require_kind("centres", centres, Mapping, "a mapping, of ids to (3,) each")
         transforms = {}
         for name, move in self.shapes.items():
-            with named(f"frame {frame:g}: shapes.{name}"):
+            if name not in centres:
+                raise ValueError(f"centres: must have all of {', '.join(self.shapes)}")
+            with at_frame(frame, f": shapes.{name}"):
                 transforms[name] = move.at(frame, centres[name])
         return transforms
 
@@ -71,6 +87,10 @@ class Motion(Moves):
     shutter: Shutter | None = None
     frame: float = 0.0
 
+    def __post_init__(self) -> None:
+        self._require_moves()
+        require_number("frame", self.frame)
+
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Motion:
         """Read a TOML file; ``docs/howto/motion-blur.md`` has its form.
@@ -95,6 +115,7 @@ class Motion(Moves):
 
     def shutter_of(self, camera: Camera) -> Shutter:
         """The shutter, or that of the ``camera`` where there is none."""
+        require_kind("camera", camera, Camera, "a Camera")
         return self.shutter or Shutter(camera.shutter_open, camera.shutter_close)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .track import Track, VectorTrack, tracks_of
+from .._validation import require_number, require_vector
+from .track import Track, VectorTrack, require_tracks, tracks_of
 
 KINDS: dict[str, type[Track] | type[VectorTrack]] = {
     "translate": VectorTrack,
@@ -46,6 +47,7 @@ class ShapeMove:
     pivot: VectorTrack | None = None
 
     def __post_init__(self) -> None:
+        require_tracks(self, KINDS)
         if self.axis is not None and self.angle is None:
             raise ValueError("axis: must be given with angle")
         for key in () if self.scale is None else self.scale.keys:
@@ -62,6 +64,8 @@ class ShapeMove:
 
         Raises ``ValueError`` for an axis of no length.
         """
+        require_number("frame", frame)
+        centre = require_vector("centre", centre)
         pivot = centre if self.pivot is None else self.pivot.at(frame)
         axis = np.array([0.0, 1.0, 0.0]) if self.axis is None else self.axis.at(frame)
         length = float(np.linalg.norm(axis))

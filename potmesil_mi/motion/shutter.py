@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
-from .._validation import require_choice, require_number, require_whole
+from .._validation import require_choice, require_not_before, require_number, require_whole
 from .track import require_known
 
 Profile = Literal["box", "triangle"]
@@ -47,7 +47,7 @@ class Shutter:
 
     def __post_init__(self) -> None:
         require_number("open", self.open)
-        require_number("close", self.close, float(self.open))
+        require_not_before("close", self.close, "open", float(self.open))
         require_choice("profile", self.profile, PROFILES)
         if self.instants is not None:
             require_whole("instants", self.instants, 1, MOST_INSTANTS)
@@ -60,6 +60,7 @@ class Shutter:
 
     def frame_when(self, light: float) -> float:
         """The frame, after that of the picture, when a part of the ``light``, 0 to 1, is in."""
+        require_number("light", light, 0, 1)
         if self.profile == "triangle":
             half = math.sqrt(min(light, 1 - light) / 2)
             light = half if light < 0.5 else 1 - half

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from .._files import require_path
 from .track import named
 
 T = TypeVar("T")
@@ -23,8 +24,9 @@ def read_toml(path: str | os.PathLike[str], made: Callable[[Mapping[str, Any]], 
     else:
         import tomli as tomllib
 
+    path = require_path(path)
     name = os.fspath(path)
-    with open(path, "rb") as file:
+    with path.open("rb") as file:
         try:
             values = tomllib.load(file)
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

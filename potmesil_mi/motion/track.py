@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_number
+from .._validation import require_choice, require_kind, require_number
 
 Easing = Literal["linear", "ease", "ease_in", "ease_out", "hold"]
 """How a value goes from a key to the next."""
@@ -49,11 +49,19 @@ class Key:
                                   ``ease_out`` (2t - t²), which begin or end at rest;
                                   ``hold``, which stays and jumps at the next key
     ============================  ==========================================================
+
+    Raises ``ValueError`` or ``TypeError`` that names the field.
     """
 
     frame: float
     value: float
     easing: Easing = "linear"
+
+    def __post_init__(self) -> None:
+        require_number("frame", self.frame)
+        if not is_infinite(self.value):
+            require_number("value", self.value)
+        require_choice("easing", self.easing, EASINGS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +80,11 @@ class Track:
 
     def __post_init__(self) -> None:
         require_choice("scale", self.scale, SCALES)
+        require_kind("keys", self.keys, (tuple, list), "a tuple of Key")
         if not self.keys:
             raise ValueError("keys: there must be one at least")
         for i, key in enumerate(self.keys):
-            require_number(f"keys[{i}]: frame", key.frame)
-            require_choice(f"keys[{i}]: easing", key.easing, EASINGS)
+            require_kind(f"keys[{i}]", key, Key, "a Key")
             if i > 0 and not key.frame > self.keys[i - 1].frame:
                 raise ValueError(
                     f"keys[{i}]: frame={key.frame:g}: must come after that of the key before, "
@@ -94,7 +102,7 @@ class Track:
         Raises ``TypeError`` for anything else, and what the constructor raises.
         """
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return cls((Key(0.0, value),), scale)
+            return cls((_key(0, 0.0, value),), scale)
         if not is_list_of_keys(value):
             raise TypeError(
                 f"{value!r}: must be a number, or a list of keys such as [[0, 1.5], [24, 3, "
@@ -103,10 +111,11 @@ class Track:
         for i, key in enumerate(value):
             if not 2 <= len(key) <= 3:
                 raise TypeError(f"keys[{i}]={key!r}: must be [frame, value] or with an easing")
-        return cls(tuple(Key(*key) for key in value), scale)
+        return cls(tuple(_key(i, *key) for i, key in enumerate(value)), scale)
 
     def at(self, frame: float) -> float:
         """The value at a frame."""
+        require_number("frame", frame)
         keys = self.keys
         after = bisect.bisect_right([key.frame for key in keys], frame)
         if after == 0 or after == len(keys):
@@ -131,6 +140,9 @@ class VectorTrack:
     y: Track
     z: Track
 
+    def __post_init__(self) -> None:
+        require_tracks(self, dict.fromkeys("xyz", Track), optional=False)
+
     @classmethod
     def of(cls, value: Any) -> VectorTrack:
         """That of three numbers, or of a list of keys ``[frame, [x, y, z]]`` or with an easing.
@@ -152,7 +164,12 @@ class VectorTrack:
                 raise wrong
         return cls(
             *(
-                Track(tuple(Key(frame, point[i], *easing) for frame, point, *easing in value))
+                Track(
+                    tuple(
+                        _key(k, frame, point[i], *easing)
+                        for k, (frame, point, *easing) in enumerate(value)
+                    )
+                )
                 for i in range(3)
             )
         )
@@ -185,12 +202,35 @@ def tracks_of(
     return tracks
 
 
-def require_known(names: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ``ValueError`` for one of the ``names`` that is not ``known``."""
+def require_tracks(
+    value: Any, kinds: Mapping[str, type[Track] | type[VectorTrack]], optional: bool = True
+) -> None:
+    """Raise ``TypeError`` for a field that is no track of its kind, nor ``None`` if it may be."""
+    for name, kind in kinds.items():
+        track = getattr(value, name)
+        if not (optional and track is None):
+            of = kind.__name__
+            require_kind(name, track, kind, f"a {of}, as {of}.of gives")
+
+
+def require_known(names: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Raise ``ValueError`` for one of the ``names``, of a table, that is not ``known``."""
+    require_kind("values", names, Mapping, "a mapping, as the tables of a TOML file")
     known = tuple(known)
     for name in names:
         if name not in known:
             raise ValueError(f"{name}: unknown, must be one of {', '.join(known)}")
+
+
+@contextlib.contextmanager
+def at_frame(frame: float, what: str = "") -> Iterator[None]:
+    """Errors of values within the block name the frame, and ``what`` there, first.
+
+    Raises ``TypeError`` or ``ValueError`` for what is no number of a frame.
+    """
+    require_number("frame", frame)
+    with named(f"frame {frame:g}{what}"):
+        yield
 
 
 @contextlib.contextmanager
@@ -209,6 +249,16 @@ def is_list_of_keys(value: Any) -> bool:
         return isinstance(one, Sequence) and not isinstance(one, str)
 
     return is_list(value) and len(value) > 0 and all(map(is_list, value))
+
+
+def is_infinite(value: Any) -> bool:
+    """Whether a value is ``inf``, as a focus distance may be."""
+    return isinstance(value, (float, np.floating)) and value == math.inf
+
+
+def _key(i: int, *parts: Any) -> Key:
+    with named(f"keys[{i}]"):
+        return Key(*parts)
 
 
 def _mix(first: float, last: float, part: float) -> float:

@@ -31,8 +31,11 @@ def positive_finite(values: np.ndarray) -> Any:
 
 
 def require_each(name: str, value: Any, allowed: str, test: Callable[[np.ndarray], Any]) -> None:
-    """Raise unless every element of ``value`` is a number that passes ``test``."""
-    values = on_host(value)
+    """Raise unless every element of ``value`` is a number that passes ``test``.
+
+    A list is none, since nothing can be computed with it.
+    """
+    values = np.empty(0, object) if isinstance(value, (list, tuple)) else on_host(value)
     if values.dtype.kind not in "fiu":
         raise TypeError(f"{name}={value!r}: must be a number {allowed}")
     passed = test(values)
@@ -40,6 +43,14 @@ def require_each(name: str, value: Any, allowed: str, test: Callable[[np.ndarray
         values, passed = np.broadcast_arrays(values, passed)
         shown = value if np.ndim(value) == 0 else values[~passed][0]
         raise ValueError(f"{name}={shown}: must be {allowed}")
+
+
+def single(name: str, value: Any) -> float:
+    """``value``, of one element, as a plain number. Raises ``ValueError`` where it has several."""
+    values = on_host(value)
+    if values.size != 1:
+        raise ValueError(f"{name}: has shape {values.shape}, must be one number")
+    return float(values.item())
 
 
 def reciprocal(value: Any) -> Any:

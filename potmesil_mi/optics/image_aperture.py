@@ -15,7 +15,7 @@ import numpy as np
 
 from .._image import read_luminance
 from .._spec import written
-from .._validation import require_whole
+from .._validation import require_numbers, require_whole
 from .aperture import Aperture, points_of_map
 from .summed_area import interpolated, summed_area
 
@@ -52,7 +52,7 @@ class ImageAperture(Aperture):
     finest: ClassVar[float] = 32
 
     def __post_init__(self) -> None:
-        values = np.array(self.transmission_map, dtype=np.float64)
+        values = np.array(require_numbers("transmission_map", self.transmission_map), np.float64)
         if values.ndim != 2 or values.size == 0 or max(values.shape) > LARGEST_SIDE:
             raise ValueError(
                 f"transmission_map: has shape {values.shape}, "

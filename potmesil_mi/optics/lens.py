@@ -13,10 +13,22 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_number
+from .._validation import (
+    require_choice,
+    require_field_of_view,
+    require_kind,
+    require_number,
+)
 from .aperture import Aperture
-from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each
+from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each, single
 from .disc import Disc
+from .lens_checks import (
+    distance_in_mm,
+    require_focus,
+    require_length,
+    require_one_opening,
+    require_unit,
+)
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -111,7 +123,7 @@ class ThinLens:
                                   proportion; so highlights there look like a cat's eye
     ============================  ==========================================================
 
-    Raises ``ValueError`` that names the parameter, its value and what is allowed.
+    Raises ``ValueError`` or ``TypeError`` that names the parameter, its value and what is allowed.
     """
 
     def __init__(
@@ -128,14 +140,11 @@ class ThinLens:
         squeeze: float = 1.0,
         vignetting: float = 0.0,
     ) -> None:
-        _require_one_opening(f_number, aperture_radius)
-        if film not in FILMS:
-            raise ValueError(f"film={film!r}: must be one of {', '.join(FILMS)}")
-        require_each("focal_length", focal_length, "> 0 mm and finite", positive_finite)
-        require_each("frame_width", frame_width, "> 0 mm and finite", positive_finite)
-        require_each(
-            "millimeters_per_unit", millimeters_per_unit, "> 0 and finite", positive_finite
-        )
+        require_one_opening(f_number, aperture_radius)
+        require_choice("film", film, FILMS)
+        require_length("focal_length", focal_length)
+        require_length("frame_width", frame_width)
+        require_unit(millimeters_per_unit)
         if f_number is not None:
             require_each("f_number", f_number, "> 0", lambda x: x > 0)
         if aperture_radius is not None:
@@ -145,7 +154,7 @@ class ThinLens:
                 ">= 0 scene units and finite",
                 lambda x: (x >= 0) & np.isfinite(x),
             )
-        _require_focus(focus_distance, focal_length, millimeters_per_unit)
+        require_focus(focus_distance, focal_length, millimeters_per_unit)
         require_number("squeeze", squeeze, 1, 4)
         require_number("vignetting", vignetting, 0, 0.9)
         aperture = Aperture.parse(aperture)
@@ -179,8 +188,8 @@ class ThinLens:
         With ``focal_length`` (mm) the frame's width follows from it; without, the focal length
         follows from ``frame_width`` (mm, default 36). Other parameters as for ``ThinLens``.
         """
-        if not 0 < fov < 180:
-            raise ValueError(f"fov={fov}: must be > 0 and < 180 degrees")
+        require_field_of_view("fov", fov)
+        _require_known(parameters)
         if focal_length is not None and frame_width is not None:
             raise ValueError(
                 f"fov={fov}: cannot be combined with both focal_length and frame_width"
@@ -191,13 +200,25 @@ class ThinLens:
             return lens.replace(frame_width=slope * lens.film_distance)
         if frame_width is None:
             frame_width = FULL_FRAME_WIDTH
+        require_length("frame_width", frame_width)
         focal_length = frame_width / slope
-        if parameters.get("film", "focal") == "focused":
-            in_mm = parameters.get("focus_distance", math.inf) * parameters.get(
-                "millimeters_per_unit", 1.0
+        film = parameters.get("film", "focal")
+        require_choice("film", film, FILMS)
+        focused = film == "focused"
+        if focused:
+            in_mm = distance_in_mm(
+                parameters.get("focus_distance", math.inf),
+                parameters.get("millimeters_per_unit", 1.0),
             )
             focal_length = 1 / (1 / focal_length + reciprocal(in_mm))
-        return cls(focal_length, frame_width=frame_width, **parameters)
+        try:
+            return cls(focal_length, frame_width=frame_width, **parameters)
+        except ValueError as error:
+            if "focal_length" not in str(error):
+                raise
+            made_by = {"fov": fov, "frame_width": frame_width, **(parameters if focused else {})}
+            of = ", ".join(f"{name}={value}" for name, value in made_by.items())
+            raise ValueError(f"{error}; the focal length follows from {of}") from error
 
     def parameters(self) -> dict[str, Any]:
         """The constructor's arguments: ``ThinLens(**lens.parameters())`` equals ``lens``."""
@@ -220,7 +241,7 @@ class ThinLens:
     def plain(self) -> ThinLens:
         """The same lens of plain numbers; a parameter of several elements is an error."""
         plain: dict[str, Any] = {
-            name: value if isinstance(value, (str, Aperture)) else float(on_host(value).item())
+            name: value if isinstance(value, (str, Aperture)) else single(name, value)
             for name, value in self.parameters().items()
         }
         return ThinLens(**plain)
@@ -240,12 +261,11 @@ class ThinLens:
         name call it ``image_distance``. Raises ``TypeError`` or ``ValueError`` that names what is
         unknown, missing, no number or out of range.
         """
+        require_kind("values", values, Mapping, "a mapping, as to_dict gives")
         given = dict(values)
         if "image_distance" in given:
             given["film"] = given.pop("image_distance")
-        unknown = sorted(given.keys() - LensChanges.__annotations__.keys())
-        if unknown:
-            raise TypeError(_not_a_parameter(unknown[0]))
+        _require_known(given)
         if "focal_length" not in given:
             raise TypeError("focal_length: must be given for a ThinLens")
         for name, value in given.items():
@@ -264,9 +284,7 @@ class ThinLens:
         name.
         """
         parameters = self.parameters()
-        unknown = changes.keys() - LensChanges.__annotations__.keys()
-        if unknown:
-            raise TypeError(_not_a_parameter(min(unknown)))
+        _require_known(changes)
         if not changes.keys().isdisjoint({"f_number", "aperture_radius"}):
             parameters.pop("f_number", None)
             parameters.pop("aperture_radius", None)
@@ -274,6 +292,7 @@ class ThinLens:
 
     def in_units(self, millimeters_per_unit: Any) -> ThinLens:
         """The same lens, with its distances in scene units of another size."""
+        require_unit(millimeters_per_unit)
         ratio = self.millimeters_per_unit / millimeters_per_unit
         changes = {"focus_distance": self.focus_distance * ratio}
         if self._aperture_radius is not None:
@@ -314,9 +333,8 @@ class ThinLens:
     @property
     def fov(self) -> float:
         """Field of view across the frame, a plain number in degrees."""
-        return math.degrees(
-            2 * math.atan(float(on_host(self.frame_width / (2 * self.film_distance)).item()))
-        )
+        slope = single("fov", self.frame_width / (2 * self.film_distance))
+        return math.degrees(2 * math.atan(slope))
 
     def image_distance(self, depth: Any = None) -> Any:
         """V in millimetres of the image of a point at ``depth`` (scene units): [1], [7].
@@ -324,7 +342,10 @@ class ThinLens:
         1/V = 1/F - 1/P; by default of the focused plane. Negative for a point inside the focal
         length, whose image is virtual, and infinite for one at the focal length.
         """
-        depth = self.focus_distance if depth is None else depth
+        if depth is None:
+            depth = self.focus_distance
+        else:
+            require_each("depth", depth, "scene units", lambda x: ~np.isnan(x))
         return reciprocal(
             reciprocal(self.focal_length) - reciprocal(depth * self.millimeters_per_unit)
         )
@@ -367,10 +388,10 @@ class ThinLens:
         cannot focus at infinity: there the distance is 1e9 aperture radii, which no pixel can
         tell from infinity.
         """
-        radius = float(on_host(self.aperture_radius).item())
+        radius = single("aperture_radius", self.aperture_radius)
         sensor: dict[str, Any] = {"type": "perspective", "fov": self.fov, "fov_axis": "x"}
         if radius > 0:
-            focus_distance = float(on_host(self.focus_distance).item())
+            focus_distance = single("focus_distance", self.focus_distance)
             sensor["type"] = "thinlens"
             sensor["aperture_radius"] = radius
             sensor["focus_distance"] = min(focus_distance, 1e9 * radius)
@@ -396,28 +417,9 @@ class ThinLens:
         return f"ThinLens({', '.join(f'{k}={v!r}' for k, v in self.parameters().items())})"
 
 
-def _not_a_parameter(name: str) -> str:
-    known = ", ".join(sorted(LensChanges.__annotations__))
-    return f"{name}: not a parameter of ThinLens, which has {known}"
-
-
-def _require_one_opening(f_number: Any, aperture_radius: Any) -> None:
-    if (f_number is None) == (aperture_radius is None):
-        given = "both were" if f_number is not None else "neither was"
-        raise ValueError(
-            f"f_number and aperture_radius: give exactly one of them, {given} given "
-            f"(f_number={f_number}, aperture_radius={aperture_radius})"
-        )
-
-
-def _require_focus(focus_distance: Any, focal_length: Any, millimeters_per_unit: Any) -> None:
-    require_each("focus_distance", focus_distance, "> 0 scene units", lambda x: x > 0)
-    require_each(
-        "focus_distance",
-        focus_distance,
-        f"beyond the focal length of {focal_length} mm (a scene unit is {millimeters_per_unit} mm)",
-        lambda x: (
-            x * on_host(millimeters_per_unit) - on_host(focal_length)
-            > 1e-12 * on_host(focal_length)
-        ),
-    )
+def _require_known(names: Mapping[str, Any]) -> None:
+    """Raise ``TypeError`` for one of the ``names`` that is no parameter of a lens."""
+    known = sorted(LensChanges.__annotations__)
+    unknown = sorted(str(name) for name in names if name not in known)
+    if unknown:
+        raise TypeError(f"{unknown[0]}: not a parameter of ThinLens, which has {', '.join(known)}")

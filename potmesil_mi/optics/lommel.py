@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._validation import require_flag, require_number
+from .._validation import require_choice, require_flag, require_number
 from .aperture import Aperture
 from .diffraction import ARGUMENTS, Argument, optical_coordinates
 from .diffraction_kernel import diffraction_kernel
@@ -121,8 +121,7 @@ class Lommel(_Diffracting):
                 require_number("wavelengths", value, 100, 100_000)
             object.__setattr__(self, "wavelengths", tuple(float(value) for value in given))
         require_flag("truncated", self.truncated)
-        if self.argument not in ARGUMENTS:
-            raise ValueError(f"argument={self.argument!r}: must be one of {', '.join(ARGUMENTS)}")
+        require_choice("argument", self.argument, ARGUMENTS)
 
     @property
     def ends_sharply(self) -> bool:

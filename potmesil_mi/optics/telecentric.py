@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._validation import require_number
+from .._validation import require_kind, require_number, require_positive
 from .aperture import Aperture
-from .arithmetic import reciprocal
+from .arithmetic import reciprocal, require_each
 from .camera import Camera
 from .disc import Disc
 from .lens import AnyLensChanges, DepthOfField, ThinLens
@@ -98,6 +98,7 @@ class TelecentricLens:
         ``depth`` is a number or an array of NumPy or Dr.Jit, in scene units; ``inf`` is allowed.
         Positive nearer than the focused plane, negative beyond it.
         """
+        require_each("depth", depth, "scene units", lambda x: ~np.isnan(x))
         if self.slope == 0:
             return 0.0 * reciprocal(1 + depth * depth)
         return 2 * self.slope * (self.focus_distance - depth)
@@ -107,9 +108,7 @@ class TelecentricLens:
 
         U ± circle / (2 tan(a)). Raises ``ValueError`` unless ``circle`` is > 0.
         """
-        require_number("circle", circle)
-        if not circle > 0:
-            raise ValueError(f"circle={circle}: must be > 0 scene units")
+        require_positive("circle", circle, "scene units")
         reach = circle / (2 * self.slope) if self.slope > 0 else math.inf
         return DepthOfField(self.focus_distance - reach, self.focus_distance + reach)
 
@@ -138,6 +137,7 @@ class TelecentricLens:
         The text of its aperture names no file. Raises ``TypeError`` or ``ValueError`` that names
         what is unknown, missing, no number or out of range.
         """
+        require_kind("values", values, Mapping, "a mapping, as to_dict gives")
         given = {name: value for name, value in values.items() if name != "type"}
         _require_known(given)
         for name in ("half_angle", "focus_distance"):
@@ -195,7 +195,12 @@ def as_thin_lens(depth: np.ndarray, lens: TelecentricLens, camera: Camera) -> Th
 
 
 def require_fitting(camera: Camera, lens: ThinLens | TelecentricLens) -> None:
-    """Raise ``ValueError`` for a lens of the other kind than the camera's projection needs."""
+    """Raise ``ValueError`` for a lens of the other kind than the camera's projection needs.
+
+    Raises ``TypeError`` for what is no camera or no lens.
+    """
+    require_kind("camera", camera, Camera, "a Camera")
+    require_lens(lens)
     telecentric = isinstance(lens, TelecentricLens)
     if telecentric != (camera.projection == "orthographic"):
         needed = "ThinLens" if telecentric else "TelecentricLens"
@@ -205,9 +210,15 @@ def require_fitting(camera: Camera, lens: ThinLens | TelecentricLens) -> None:
         )
 
 
+def require_lens(lens: Any) -> None:
+    """Raise ``TypeError`` for what is no lens."""
+    kinds = (ThinLens, TelecentricLens)
+    require_kind("lens", lens, kinds, "a ThinLens, such as samples.lens, or a TelecentricLens")
+
+
 def _require_known(given: Mapping[str, Any]) -> None:
     names = {field.name for field in dataclasses.fields(TelecentricLens)}
-    unknown = sorted(given.keys() - names)
+    unknown = sorted(str(name) for name in given if name not in names)
     if unknown:
         known = ", ".join(sorted(names))
         raise TypeError(f"{unknown[0]}: not a parameter of TelecentricLens, which has {known}")

@@ -45,6 +45,16 @@ def require_usable_lens(lens: ThinLens | TelecentricLens) -> None:
             require_magnitude(name, value)
 
 
+def require_usable_view(lens: ThinLens) -> None:
+    """Raise ``ValueError`` for a lens whose field of view no camera has."""
+    plain = lens.plain()
+    if not 0 < plain.fov < 180:
+        raise ValueError(
+            f"focal_length={plain.focal_length}, frame_width={plain.frame_width}: must make a "
+            f"field of view > 0 and < 180 degrees, not {plain.fov}"
+        )
+
+
 def require_magnitude(name: str, value: Any, least: float = MAGNITUDES[0]) -> None:
     """Raise ``ValueError`` for a number, or one in a tuple, that single precision cannot use."""
     if isinstance(value, tuple):

@@ -9,12 +9,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._validation import require_kind, require_number, require_vector
 from ..optics.aperture import Aperture
 from ..optics.camera import Camera, horizontal_fov, orientation
 from ..optics.disc import Disc
 from ..optics.image_aperture import ImageAperture
 from ..optics.lens import FILMS, ThinLens
 from ..optics.spectrum import SPECTRUM
+from ..optics.usable import require_usable_view
 from .projective import CLIPPING, ProjectiveSensor, number_from
 
 DEFAULT_FOCAL_LENGTH = 50.0
@@ -175,12 +177,14 @@ class PotmesilSensor(ProjectiveSensor):
         """``to_world`` from the position and the angles of the paper's camera."""
         if "to_world" in props:
             raise ValueError("to_world: cannot be combined with origin, pan, tilt, swing")
-        angles = [number_from(props, angle, 0.0) for angle in ("pan", "tilt", "swing")]
-        origin = np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
-        if not np.isfinite([*origin, *angles]).all():
-            raise ValueError("origin, pan, tilt, swing: must be finite")
+        angles = {name: number_from(props, name, 0.0) for name in ("pan", "tilt", "swing")}
+        for name, angle in angles.items():
+            require_number(name, angle)
+        origin = require_vector(
+            "origin", np.array(props.get("origin", mi.ScalarPoint3f(0))).ravel()
+        )
         to_world = np.eye(4)
-        to_world[:3, :3] = orientation(*angles)
+        to_world[:3, :3] = orientation(*angles.values())
         to_world[:3, 3] = origin
         self.m_to_world = type(self.world_transform())(to_world)
 
@@ -238,6 +242,7 @@ class PotmesilSensor(ProjectiveSensor):
     def _update(self) -> None:
         """What follows from the parameters: the lens, checked, and the projection."""
         self.m_lens = self._changed_lens()
+        require_usable_view(self.m_lens)
         for name in self.m_lens_parameters:
             self._follow(name, getattr(self.m_lens, name))
         self._follow("x_fov", self.m_lens.fov)
@@ -378,13 +383,25 @@ def _aperture(props: mi.Properties) -> Aperture:
     if name == ImageAperture.name:
         if not parameters:
             raise ValueError("aperture_image: must name a picture for the aperture image")
+        require_kind("aperture_image", parameters["filename"], str, "the name of a file")
         parameters["filename"] = str(mi.file_resolver().resolve(parameters["filename"]))
     wavelengths = parameters.get("wavelengths", SPECTRUM)
     if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
         parameters["wavelengths"] = _numbers("wavelengths", wavelengths)
     if not parameters:
         return Aperture.parse(name)
-    return Aperture.member(name).of_parameters(parameters)
+    try:
+        return Aperture.member(name).of_parameters(parameters)
+    except (ValueError, TypeError) as error:
+        raise type(error)(_in_scenes(str(error))) from error
+
+
+def _in_scenes(message: str) -> str:
+    """An error of an aperture, with the name that its parameter has in a scene."""
+    for parameter, (_, field) in APERTURE_PARAMETERS.items():
+        if message.startswith(f"{field}="):
+            return parameter + message.removeprefix(field)
+    return message
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._validation import require_not_before, require_number
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
@@ -35,6 +36,11 @@ class ProjectiveSensor(mi.Sensor):
     m_sample_to_camera: Any
 
     def __init__(self, props: mi.Properties) -> None:
+        opened = number_from(props, "shutter_open", 0.0)
+        require_number("shutter_open", opened)
+        require_not_before(
+            "shutter_close", number_from(props, "shutter_close", 0.0), "shutter_open", opened
+        )
         super().__init__(props)
         self.m_needs_sample_3 = False
         if not self.id():  # mi.traverse names an object without an id by its address

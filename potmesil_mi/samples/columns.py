@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
 
 from .._threads import for_each
+from .._validation import require_kind, require_numbers, require_whole
 from ..optics.disc import lens_points
 
 OF_DEFAULT: Any = None
@@ -35,6 +36,9 @@ what is behind one veil, and so on."""
 
 LONGEST_NORMAL = 1.001
 """Unit vectors are rounded."""
+
+MOST_IDS = (1 << 32) - 1
+"""The largest id of a surface."""
 
 VISIBILITY_POINTS = 64
 """Points of the lens, one for each bit of ``visibility``."""
@@ -83,7 +87,8 @@ class Columns:
     ============================  ==========================================================
 
     What is given becomes arrays of these types, without a copy where it is one. Raises
-    ``ValueError`` for columns of unequal length or wrong shape.
+    ``ValueError`` for columns of unequal length or wrong shape, and for whole numbers that their
+    type does not have, ``TypeError`` for what is no numbers.
     """
 
     x: np.ndarray = dataclasses.field(metadata=_FLOAT)
@@ -102,15 +107,18 @@ class Columns:
     motion: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
 
     def __post_init__(self) -> None:
-        count = len(self.x)
+        count = require_numbers("x", self.x).size
         if self.layer is OF_DEFAULT:
             object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
         for field in self.present():
-            column = np.ascontiguousarray(getattr(self, field.name), field.metadata["dtype"])
+            values = require_numbers(field.name, getattr(self, field.name))
             channels = field.metadata["channels"]
             expected = (count, channels) if channels else (count,)
-            if column.shape != expected:
-                raise ValueError(f"{field.name}: has shape {column.shape}, must have {expected}")
+            if values.shape != expected:
+                raise ValueError(
+                    f"{field.name}: has shape {values.shape}, must have {expected}, as many as x"
+                )
+            column = _in_type(field.name, values, field.metadata["dtype"])
             object.__setattr__(self, field.name, column)
 
     def __len__(self) -> int:
@@ -126,7 +134,12 @@ class Columns:
         return [f for f in COLUMNS if not is_optional(f) or getattr(self, f.name) is not None]
 
     def chosen(self: C, which: np.ndarray | slice) -> C:
-        """The samples that ``which`` has: bool (N,), indices in their order, or a slice of them."""
+        """The samples that ``which`` has: bool (N,), indices in their order, or a slice of them.
+
+        Raises ``TypeError`` or ``ValueError`` for anything else.
+        """
+        if not isinstance(which, slice):
+            which = _indices(which, len(self))
         columns: dict[str, Any] = {f.name: getattr(self, f.name)[which] for f in self.present()}
         return dataclasses.replace(self, **columns)
 
@@ -178,6 +191,15 @@ class Columns:
         return Columns(**columns)
 
 
+def require_beside_columns(surfaces: Any, radius: Any, known: bool) -> None:
+    """Raise unless ``surfaces`` are names of ids; and see :func:`require_visibility_radius`."""
+    require_kind("surfaces", surfaces, Mapping, "a mapping, of ids to names")
+    for surface, name in surfaces.items():
+        require_whole("surfaces: id", surface, 0, MOST_IDS)
+        require_kind(f"surfaces[{surface}]", name, str, "a name")
+    require_visibility_radius(radius, known)
+
+
 def require_visibility_radius(radius: Any, known: bool) -> None:
     """Raise unless ``radius`` are two half-widths > 0, or ``None`` where no visibility is known."""
     if (radius is None) == known:
@@ -213,6 +235,33 @@ def points_that_see(visibility: np.ndarray) -> np.ndarray:
 def is_optional(field: dataclasses.Field[Any]) -> bool:
     """Whether samples may do without the column; then it is ``None`` and stands for zeros."""
     return bool(field.metadata.get("optional", False))
+
+
+def _in_type(name: str, values: np.ndarray, dtype: Any) -> np.ndarray:
+    """The column in its type. Raises ``ValueError`` for what a type of whole numbers has not."""
+    kind = np.dtype(dtype)
+    if kind.kind == "u" and values.dtype != kind and values.size > 0:
+        most = int(np.iinfo(kind).max)
+        whole = values.dtype.kind != "f" or bool((np.floor(values) == values).all())
+        if not (whole and values.min() >= 0 and values.max() <= most):
+            raise ValueError(
+                f"{name}: {values.min()} to {values.max()}, must be whole numbers from 0 to {most}"
+            )
+    with np.errstate(over="ignore"):  # What is infinite then is no valid sample.
+        return np.ascontiguousarray(values, kind)
+
+
+def _indices(which: Any, count: int) -> np.ndarray:
+    """Which of so many samples: bool (count,), or whole numbers (M,) of -count to count - 1."""
+    chosen = require_numbers("which", which)
+    if chosen.ndim != 1 or chosen.dtype.kind == "f":
+        raise TypeError(f"which: must be a slice, bool ({count},) or whole numbers (M,)")
+    fits = len(chosen) == count
+    if chosen.dtype.kind != "b":
+        fits = len(chosen) == 0 or (-count <= chosen.min() and chosen.max() < count)
+    if not fits:
+        raise ValueError(f"which: must be of {count} samples")
+    return chosen
 
 
 def _column(columns: Columns, field: dataclasses.Field[Any]) -> np.ndarray:

@@ -7,11 +7,17 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Mapping
+from numbers import Real
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from .._validation import require_choice, require_flag, require_number
+from .._validation import (
+    require_choice,
+    require_flag,
+    require_kind,
+    require_number,
+)
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.depth import (
@@ -31,18 +37,16 @@ from ..optics.planarity import bending, verdict
 from ..pictures.heic import picture_file
 from ..pictures.picture import Frame, read_depth, read_picture
 from ..pictures.programs import KnownDepth
+from .columns import MOST_IDS
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
-from .picture_optics import camera_and_lens, require_fitting
+from .picture_optics import camera_and_lens, given_fov, require_fitting
 
 FARTHEST = 1e30
 """Depth in scene units of what is taken to be nearest where nothing is near."""
 
 NEAREST = 1e-30
 """The least depth in scene units that single precision can use."""
-
-MOST_IDS = (1 << 32) - 1
-"""The largest id of a surface."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +74,12 @@ class Described:
         if self.depth_kind is not None:
             require_choice("depth_kind", self.depth_kind, DEPTH_KINDS)
             _require_planes_of(self.depth_kind, self.near, self.far, self.clip, self.reverse)
+        for name, given in (("layer", self.layer), ("depth_channel", self.depth_channel)):
+            if given is not None:
+                require_kind(name, given, str, "a name in the file")
+        if self.lens is not None:
+            kinds = (ThinLens, Mapping)
+            require_kind("lens", self.lens, kinds, "a ThinLens, or parameters of one, for a file")
         require_choice("hidden", self.hidden, HIDDEN)
         require_flag("antialiased", self.antialiased)
         for name, value, least in (
@@ -103,7 +113,9 @@ def image_of(rgb: Any, depth: Any, described: Described) -> SampledImage:
         return image_of_file(rgb, depth, described)
     layer, depth_channel = described.layer, described.depth_channel
     if layer is not None or depth_channel is not None:
-        raise ValueError(f"layer={layer}, depth_channel={depth_channel}: are names in a file")
+        raise ValueError(
+            f"layer={layer}, depth_channel={depth_channel}: are names in a file, and rgb is none"
+        )
     return image_of_arrays(rgb, depth, described)
 
 
@@ -205,9 +217,10 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
         raise TypeError(
             f"rgb: its type is {rgb.dtype}, must be floats, linear; a file of whole numbers is sRGB"
         )
-    rgb = rgb.astype(np.float32, copy=False)
     if rgb.ndim != 3 or rgb.shape[2] not in (3, 4) or rgb.size == 0:
         raise ValueError(f"rgb: its shape is {rgb.shape}, must be (height, width, 3 or 4)")
+    with np.errstate(over="ignore"):  # What is infinite then is refused.
+        rgb = rgb.astype(np.float32, copy=False)
     if depth is None:
         raise ValueError("depth=None: must be the depth of the pixels of an array")
     if not _is_array(depth):
@@ -309,8 +322,7 @@ def _camera(camera: Camera | float | None, size: tuple[int, ...]) -> Camera:
         raise ValueError("camera=None: must be a Camera, or the field of view in degrees")
     if isinstance(camera, Camera):
         return require_fitting(camera, (width, height))
-    require_number("camera", camera)
-    return camera_of(float(camera), (width, height))
+    return camera_of(given_fov(camera), (width, height))
 
 
 def _require_planes_of(
@@ -332,6 +344,7 @@ def _require_planes_of(
         if near < 0:
             raise ValueError(f"near={near}: must be >= 0 scene units")
         near = None
+    require_kind("far", far, Real, "a number")
     if near is not None or far != math.inf or reverse or clip != "opengl":
         raise ValueError(
             f"near={near}, far={far}, clip={clip}, reverse={reverse}: are only of an NDC depth, "

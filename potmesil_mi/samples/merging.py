@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._validation import require_number
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from .columns import Columns
+
+LEAST_TOLERANCE = 1e-30
+"""The least tolerance in pixels, of which multiples can still be counted."""
+
+
+def require_mergeable(camera: Camera, lens: ThinLens | TelecentricLens, tolerance: float) -> None:
+    """Raise ``ValueError`` or ``TypeError`` for bad parameters of :meth:`PointSamples.merge`."""
+    require_number("tolerance", tolerance)
+    if tolerance < LEAST_TOLERANCE:
+        raise ValueError(f"tolerance={tolerance}: must be > 0 pixels and finite")
+    require_fitting(camera, lens)
 
 
 def merged(
@@ -21,7 +33,6 @@ def merged(
 
     ``pixel`` is that of each sample; ``tolerance`` is in pixels of the circle's diameter.
     """
-    require_fitting(camera, lens)
     circle = lens.circle_of_confusion(samples.z.astype(np.float64))
     telecentric = isinstance(lens, TelecentricLens)
     if isinstance(lens, TelecentricLens):

@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_number
+from .._validation import require_choice, require_number, require_numbers
 
 Convention = Literal["pixels", "blender", "forward"]
 """Whose vectors they are; see :func:`motion_vectors`."""
@@ -44,7 +44,7 @@ def motion_vectors(
     """
     require_choice("convention", convention, CONVENTIONS)
     require_number("exposure", exposure, 0, 1000)
-    vectors = np.asarray(channels, dtype=np.float64)
+    vectors = require_numbers("channels", channels).astype(np.float64)
     count = CHANNELS[convention]
     if vectors.ndim < 1 or vectors.shape[-1] != count:
         raise ValueError(

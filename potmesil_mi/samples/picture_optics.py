@@ -7,12 +7,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .._validation import require_number
+from .._validation import require_field_of_view, require_positive
 from ..optics.camera import Camera, horizontal_fov
 from ..optics.camera.pinhole import FovAxis
 from ..optics.depth import camera_of
 from ..optics.lens import ThinLens
-from ..optics.usable import require_usable_together
+from ..optics.usable import require_magnitude, require_usable_together
 from ..pictures.picture import Frame
 from ..pictures.programs import BLENDER
 from .header import json_object, lens_of_header
@@ -132,23 +132,28 @@ def _fov(frame: Frame, camera: Camera | float | None, lens: Mapping[str, Any]) -
     if isinstance(camera, Camera):
         return camera.x_fov
     if camera is not None:
-        require_number("camera", camera)
-        if not 0 < camera < 180:
-            raise ValueError(f"camera={camera}: must be > 0 and < 180 degrees")
-        return float(camera)
+        return given_fov(camera)
     if frame.optics.x_fov is not None:
         return frame.optics.x_fov
     if all(name in lens for name in FIELD):
         for name in FIELD:
-            require_number(name, lens[name])
-            if not lens[name] > 0:
-                raise ValueError(f"{name}={lens[name]}: must be > 0 mm")
+            require_positive(name, lens[name], "mm")
         fov = 2 * math.degrees(math.atan(lens["frame_width"] / (2 * lens["focal_length"])))
         width, height = frame.film_size
         # Blender's sensor fits the longer side.
         axis: FovAxis = "larger" if frame.known is BLENDER else "x"
         return horizontal_fov(fov, axis, width / height)
     return None
+
+
+def given_fov(camera: float) -> float:
+    """The field of view in degrees that is given in the place of a camera.
+
+    Raises ``ValueError`` or ``TypeError`` where it is none.
+    """
+    require_field_of_view("camera", camera)
+    require_magnitude("camera", float(camera))
+    return float(camera)
 
 
 def _camera(frame: Frame, camera: Camera | float | None, fov: float) -> Camera:

@@ -21,13 +21,12 @@ from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens
-from ..optics.usable import require_usable_together
+from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
-from .columns import OF_DEFAULT, TWINS, Columns, require_visibility_radius, visibility_points
+from .columns import OF_DEFAULT, TWINS, Columns, require_beside_columns, visibility_points
 from .header import Header
 from .image_layers import Hidden
-from .merging import merged
+from .merging import merged, require_mergeable
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
@@ -141,8 +140,9 @@ class PointSamples(Columns):
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
-        require_visibility_radius(self.visibility_radius, self.visibility is not None)
-        require_usable_together(self.camera, self.lens)
+        known = self.visibility is not None
+        require_beside_columns(self.surfaces, self.visibility_radius, known)
+        require_fitting(self.camera, self.lens)
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
@@ -378,11 +378,11 @@ class PointSamples(Columns):
         are.
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
-        if not 0 < tolerance < math.inf:
-            raise ValueError(f"tolerance={tolerance}: must be > 0 pixels and finite")
+        lens = self.lens if lens is None else lens
+        require_mergeable(self.camera, lens, tolerance)
         if self.lattice > 0:
             return self
-        columns = merged(self, self.pixel(), self.camera, lens or self.lens, tolerance)
+        columns = merged(self, self.pixel(), self.camera, lens, tolerance)
         return self.replace(**vars(columns))
 
     def denoised(self) -> PointSamples:

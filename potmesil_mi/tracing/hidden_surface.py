@@ -16,7 +16,7 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._memory import require_memory
-from .._validation import require_whole
+from .._validation import require_kind, require_whole
 from ..motion.motion import Motion
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
@@ -94,25 +94,19 @@ def render_samples(
     integrator that cannot be used, ``RuntimeError`` in scalar variants.
     """
     require_vectorised_variant("render_samples")
-    if not isinstance(scene, mi.Scene):
-        raise TypeError(f"scene={scene!r}: must be a scene, as mi.load_file gives")
-    if motion is not None and not isinstance(motion, Motion):
-        raise TypeError(f"motion={motion!r}: must be a Motion, as Motion.load gives")
-    if sampling is not None and not isinstance(sampling, Sampling):
-        raise TypeError(f"sampling={sampling!r}: must be a Sampling, such as Sampling('uniform')")
-    sensor = with_lens(pick_sensor(scene, sensor), lens)
-    integrator = integrator or scene.integrator()
+    sensor = pick_sensor(scene, sensor)
+    if motion is not None:
+        require_kind("motion", motion, Motion, "a Motion, as Motion.load gives")
+    require_sampling(sampling)
+    sensor = with_lens(sensor, lens)
+    integrator = scene.integrator() if integrator is None else integrator
     if isinstance(integrator, WrappingIntegrator):
         sampling, motion = sampling or integrator.sampling, motion or integrator.motion
-        integrator = integrator.nested
-    if not isinstance(integrator, mi.SamplingIntegrator):
-        name = "None" if integrator is None else integrator.class_name()
-        raise TypeError(f"integrator: {name} given, must be a sampling integrator, such as path")
+    nested = nested_of(integrator)
     if mi.has_flag(sensor.film().flags(), mi.FilmFlags.Special):
         raise TypeError("film: must be a film of colours, such as hdrfilm, not a special one")
     require_whole("spp", spp, 0, 2**32 - 1)
     require_whole("seed", seed, 0, 2**32 - 1)
-    nested: mi.SamplingIntegrator = integrator
 
     def sampled(spp: int, seed: int, sweep: Sweep | None) -> PointSamples:
         passes = Passes(sensor.sampler(), spp, seed)
@@ -123,6 +117,24 @@ def render_samples(
             spp = spp or sensor.sampler().sample_count()
             return exposed(scene, sensor, motion, spp, seed, sampled)
         return _sampled(scene, sensor, nested, Passes(sensor.sampler(), spp, seed), sampling, None)
+
+
+def require_sampling(sampling: Sampling | None) -> None:
+    """Raise ``TypeError`` unless it is a :class:`Sampling`, or ``None``."""
+    if sampling is not None:
+        require_kind("sampling", sampling, Sampling, "a Sampling, such as Sampling('uniform')")
+
+
+def nested_of(integrator: mi.Integrator | None) -> mi.SamplingIntegrator:
+    """The integrator that gives the radiance: itself, or what it wraps.
+
+    Raises ``TypeError`` for one that does not sample rays.
+    """
+    nested = integrator.nested if isinstance(integrator, WrappingIntegrator) else integrator
+    if not isinstance(nested, mi.SamplingIntegrator):
+        name = nested.class_name() if isinstance(nested, mi.Integrator) else repr(nested)
+        raise TypeError(f"integrator: {name} given, must be a sampling integrator, such as path")
+    return nested
 
 
 def _sampled(

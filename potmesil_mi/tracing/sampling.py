@@ -6,7 +6,13 @@ import dataclasses
 from numbers import Real
 from typing import Any, Literal, cast, get_args
 
-from .._validation import require_flag, require_number, require_whole
+from .._validation import (
+    require_choice,
+    require_flag,
+    require_number,
+    require_positive,
+    require_whole,
+)
 
 Pattern = Literal["sampler", "uniform", "adaptive"]
 """Where the film is sampled; see ``pattern`` of :class:`Sampling`."""
@@ -89,8 +95,7 @@ class Sampling:
     clamp: float | None = None
 
     def __post_init__(self) -> None:
-        if self.pattern not in PATTERNS:
-            raise ValueError(f"pattern={self.pattern!r}: must be one of {', '.join(PATTERNS)}")
+        require_choice("pattern", self.pattern, PATTERNS)
         if not isinstance(self.threshold, Real):
             raise TypeError(f"threshold={self.threshold!r}: must be a number >= 0")
         if not self.threshold >= 0:
@@ -107,9 +112,7 @@ class Sampling:
             require_flag(name, getattr(self, name))
         require_number("refine", self.refine, 0, MOST_REFINE)
         if self.clamp is not None:
-            require_number("clamp", self.clamp, 0)
-            if self.clamp == 0:
-                raise ValueError(f"clamp={self.clamp}: must be > 0")
+            require_positive("clamp", self.clamp)
         if self.focus_range is not None:
             object.__setattr__(self, "focus_range", _focus_range(self.focus_range))
 

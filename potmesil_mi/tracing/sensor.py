@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import mitsuba as mi
 import numpy as np
 
+from .._validation import require_kind
 from ..optics.camera import Camera
 from ..optics.lens import FULL_FRAME_WIDTH, AnyLensChanges, ThinLens
+from ..optics.lens_checks import distance_in_mm
 from ..optics.telecentric import TelecentricLens
+from ..optics.usable import require_usable_view
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -37,10 +40,10 @@ def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
     Raises ``TypeError`` for other than a sensor or a number, ``ValueError`` for a number that the
     scene does not have.
     """
+    require_kind("scene", scene, mi.Scene, "a scene, as mi.load_file gives")
     if isinstance(sensor, mi.Sensor):
         return sensor
-    if not isinstance(sensor, int):
-        raise TypeError(f"sensor={sensor!r}: must be a sensor or its number in the scene")
+    require_kind("sensor", sensor, int, "a sensor or its number in the scene")
     count = len(scene.sensors())
     if not 0 <= sensor < count:
         raise ValueError(f"sensor={sensor}: the scene has {count}, numbered from 0")
@@ -91,6 +94,7 @@ def potmesil_sensor(sensor: mi.Sensor, **lens: Unpack[AnyLensChanges]) -> mi.Sen
             _item(parameters, "principal_point_offset_x", 0.0),
             _item(parameters, "principal_point_offset_y", 0.0),
         )
+    require_usable_view(thin_lens)
     replacement = mi.load_dict(
         {
             "type": "potmesil",
@@ -131,7 +135,11 @@ def placed(sensor: mi.Sensor, camera: Camera) -> None:
 
 
 def is_orthographic(sensor: mi.Sensor) -> bool:
-    """Whether the sensor's rays are parallel: ``orthographic`` or ``potmesil_orthographic``."""
+    """Whether the sensor's rays are parallel: ``orthographic`` or ``potmesil_orthographic``.
+
+    Raises ``TypeError`` for what is no sensor.
+    """
+    require_kind("sensor", sensor, mi.Sensor, "a sensor, as scene.sensors() has")
     if isinstance(sensor, LensSensor):
         return sensor.camera().projection == "orthographic"
     return bool(sensor.class_name() == "OrthographicCamera")
@@ -240,11 +248,13 @@ def _lens_of(
         known.pop("aperture_radius", None)
     known.update(lens)
     fov = _item(parameters, "x_fov")
-    in_units = "aperture_radius" in known or known.get("f_number") == math.inf
+    f_number = known.get("f_number")
+    in_units = "aperture_radius" in known or (isinstance(f_number, float) and f_number == math.inf)
     if in_units and known.keys().isdisjoint({"focal_length", "frame_width"}):
         # Field of view, aperture and focus make the picture. The frame must only be so narrow that
         # the focal length is less than the focus, which may be millimetres in a small scene.
-        focused = known.get("focus_distance", math.inf) * known["millimeters_per_unit"]
+        distance = known.get("focus_distance", math.inf)
+        focused = distance_in_mm(distance, known["millimeters_per_unit"])
         narrow = math.tan(math.radians(fov) / 2) * focused
         if 0 < narrow < FULL_FRAME_WIDTH:
             known["frame_width"] = narrow

@@ -853,9 +853,9 @@ REFUSED = {
         "fov=40.0: cannot be combined with both focal_length and frame_width",
     ),
     "pan_text": ({"pan": "left"}, "pan='left': must be a number"),
-    "pan_nan": ({"pan": math.nan}, "pan, tilt, swing: must be finite"),
-    "tilt_inf": ({"tilt": math.inf}, "pan, tilt, swing: must be finite"),
-    "origin_inf": ({"origin": [0, math.inf, 0]}, "origin, pan, tilt, swing: must be finite"),
+    "pan_nan": ({"pan": math.nan}, "pan=nan: must be finite"),
+    "tilt_inf": ({"tilt": math.inf}, "tilt=inf: must be finite"),
+    "origin_inf": ({"origin": [0, math.inf, 0]}, "origin=.*inf.*: must be three finite numbers"),
     "shutter": ({"shutter_open": 2.0, "shutter_close": 1.0}, "[Ss]hutter"),
     "unknown": ({"f_numbr": 5.6}, 'unreferenced property(.|\n)*"f_numbr"'),
 }

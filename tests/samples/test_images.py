@@ -140,7 +140,7 @@ def test_mitsubas_own_depth_is_a_distance_from_its_near_plane(near):
         ({"background": -1}, "background=-1: must be >= 0"),
         ({"surface": np.full((16, 24), -7)}, "surface: -7 to -7: must be 0 to"),
         ({"camera": camera_of(FOV, (30, 20))}, r"must have \(24, 16\)"),
-        ({"camera": 200.0}, "x_fov"),
+        ({"camera": 200.0}, "camera=200.0: must be > 0 and < 180"),
         ({"surface": np.ones((2, 2))}, "surface: its shape"),
         ({"clip": "vulkan"}, "clip"),
         ({"hidden": "nearer"}, "hidden"),

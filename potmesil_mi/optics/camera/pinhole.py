@@ -15,12 +15,21 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..._validation import require_choice, require_number, require_whole
+from ..._validation import (
+    require_choice,
+    require_field_of_view,
+    require_kind,
+    require_not_before,
+    require_number,
+    require_positive,
+    require_whole,
+)
 from . import vectors
 from .basis import CAMERA_AXES, HALF_TURN, CameraAxes, convert_axes, look_at
 from .frustum import Frustum
 from .pipeline import pixel_from_ndc
 from .projection import (
+    BEHIND,
     Behind,
     orthographic_clip_from_camera,
     perspective_clip_from_camera,
@@ -29,7 +38,7 @@ from .projection import (
 from .vectors import (
     assemble,
     components,
-    homogeneous,
+    finite_components,
     leaf_of,
     multiply,
     transform_points,
@@ -125,24 +134,23 @@ class Camera:
         for i, number in enumerate(offset):
             require_number(f"principal_point_offset[{i}]", number)
         require_number("shutter_open", self.shutter_open)
-        require_number("shutter_close", self.shutter_close, float(self.shutter_open))
+        require_not_before(
+            "shutter_close", self.shutter_close, "shutter_open", float(self.shutter_open)
+        )
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _plain(getattr(self, field.name)))
 
     def _check_projection(self) -> None:
         require_choice("projection", self.projection, PROJECTIONS)
-        require_number("x_fov", self.x_fov)
         if self.projection == "orthographic":
+            require_number("x_fov", self.x_fov)
             if self.x_fov != 0:
                 raise ValueError(f"x_fov={self.x_fov}: must be 0 for an orthographic camera")
             if self.film_width is None:
                 raise TypeError("film_width: must be given for an orthographic camera")
-            require_number("film_width", self.film_width)
-            if not self.film_width > 0:
-                raise ValueError(f"film_width={self.film_width}: must be > 0 scene units")
+            require_positive("film_width", self.film_width, "scene units")
             return
-        if not 0 < self.x_fov < 180:
-            raise ValueError(f"x_fov={self.x_fov}: must be > 0 and < 180 degrees")
+        require_field_of_view("x_fov", self.x_fov)
         if self.film_width is not None:
             raise ValueError(
                 f"film_width={self.film_width}: must be None for a perspective camera, whose film "
@@ -274,7 +282,9 @@ class Camera:
         have pixels, too. Raises ``ValueError`` for a point at or behind the camera, whose pixels
         are NaN with ``behind="nan"``.
         """
-        clip = multiply(self.clip_from_camera(axes), homogeneous(points))
+        require_choice("behind", behind, BEHIND)
+        seen = components if behind == "nan" else finite_components
+        clip = multiply(self.clip_from_camera(axes), assemble([*seen("points", points, 3), 1.0]))
         return pixel_from_ndc(perspective_divide(clip, behind), *self.film_size)
 
     def pixel_from_world(self, points: Any, behind: Behind = "refuse") -> Any:
@@ -284,14 +294,16 @@ class Camera:
 
     def depth_from_world(self, points: Any) -> Any:
         """Depth (...) of world points (..., 3): camera-space z, > 0 in front of the camera."""
+        points = assemble(finite_components("points", points, 3))
         return components("points", transform_points(self.camera_from_world(), points), 3)[2]
 
     def camera_from_pixel(self, pixels: Any, depth: Any, axes: CameraAxes = "mitsuba") -> Any:
         """Camera points (..., 3) that are seen at ``pixels`` (..., 2) and have this depth (...)."""
         require_choice("axes", axes, CAMERA_AXES)
         leaf = leaf_of(pixels, depth)
-        x, y = components("pixels", pixels, 2, leaf)
+        x, y = finite_components("pixels", pixels, 2, leaf)
         z = vectors.number("depth", depth, leaf)
+        vectors.require("depth", z, vectors.absolute(z) < math.inf, "finite")
         if self.projection == "orthographic":
             scale = 1.0 / self.pixels_per_unit
         else:
@@ -319,8 +331,9 @@ class Camera:
 
         Raises ``TypeError`` for unknown and missing names, and what the constructor raises.
         """
+        require_kind("values", values, Mapping, "a mapping, as to_dict gives")
         fields = dataclasses.fields(cls)
-        unknown = sorted(set(values) - {field.name for field in fields})
+        unknown = sorted(str(name) for name in set(values) - {field.name for field in fields})
         if unknown:
             raise TypeError(
                 f"{unknown[0]}: not a field of Camera, which has "
@@ -339,8 +352,7 @@ def horizontal_fov(fov: float, axis: FovAxis, aspect: float) -> float:
     ``aspect`` is the film's width over its height. Raises ``ValueError`` for a field of view
     that is not in (0, 180) degrees or an unknown axis.
     """
-    if not 0 < fov < 180:
-        raise ValueError(f"fov={fov}: must be > 0 and < 180 degrees")
+    require_field_of_view("fov", fov)
     require_choice("fov_axis", axis, FOV_AXES)
     if axis in ("smaller", "larger"):
         axis = "x" if (axis == "larger") == (aspect > 1) else "y"

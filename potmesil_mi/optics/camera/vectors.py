@@ -142,6 +142,14 @@ def components(name: str, value: Any, count: int | None = None, leaf: Any = None
     return [number(f"{name}[{i}]", part, leaf) for i, part in enumerate(parts)]
 
 
+def finite_components(name: str, value: Any, count: int, leaf: Any = None) -> list[Any]:
+    """What :func:`components` gives; raises ``ValueError`` where not all numbers are finite."""
+    parts = components(name, value, count, leaf)
+    for part in parts:
+        require(name, parts, absolute(part) < np.inf, "finite")
+    return parts
+
+
 def entries(name: str, value: Any, leaf: Any = None) -> list[list[Any]]:
     """The numbers of a matrix, row by row. Raises ``TypeError`` for what is no matrix."""
     own = leaf_of(value)
