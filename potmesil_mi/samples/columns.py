@@ -179,7 +179,9 @@ class Columns:
 
     @staticmethod
     def joined(parts: Sequence[Columns]) -> Columns:
-        """The samples of all ``parts``, one part after the other."""
+        """The samples of all ``parts``, one part after the other; of a single one itself."""
+        if len(parts) == 1:
+            return parts[0]
         names = [{f.name for f in part.present()} for part in parts]
         columns: dict[str, Any] = {}
 
