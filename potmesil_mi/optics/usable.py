@@ -34,15 +34,13 @@ def require_usable_together(camera: Camera, lens: ThinLens | TelecentricLens) ->
 
 def require_usable_lens(lens: ThinLens | TelecentricLens) -> None:
     """Raise ``ValueError`` for a lens with numbers that single precision cannot use."""
-    plain = lens.plain()
     least, most = F_NUMBERS
-    if isinstance(plain, ThinLens) and not (
-        least <= plain.f_number <= most or plain.f_number == math.inf
-    ):
-        raise ValueError(f"f_number={plain.f_number}: must be {least:g} to {most:g}, or inf")
-    for name, value in plain.parameters().items():
-        if name not in ("f_number", "aperture_radius"):
+    for name, value in lens.plain().parameters().items():
+        # That of a lens with an aperture_radius depends on the unit, which may be anything.
+        if name != "f_number":
             require_magnitude(name, value)
+        elif not (least <= value <= most or value == math.inf):
+            raise ValueError(f"f_number={value}: must be {least:g} to {most:g}, or inf")
 
 
 def require_usable_view(lens: ThinLens) -> None:
