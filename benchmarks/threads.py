@@ -8,7 +8,6 @@ each picture is compared with the one that a single thread made before.
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +19,7 @@ import numpy as np
 from common import console
 
 import potmesil_mi as pm
+from potmesil_mi._memory import entry_in_bytes
 
 DISTANCES = 20
 
@@ -73,9 +73,8 @@ def main() -> None:
 
 def resident() -> float:
     """Memory of this process in MB."""
-    status = Path("/proc/self/status").read_text()
-    found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    return int(found[1]) / 1024 if found else float("nan")
+    found = entry_in_bytes(Path("/proc/self/status"), "VmRSS")
+    return float("nan") if found is None else found / 2**20
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def size_in_bytes(name: str, text: str) -> int:
 
 
 def _of_machine() -> int | None:
-    return _entry(PROCESS / "meminfo", "MemAvailable")
+    return entry_in_bytes(PROCESS / "meminfo", "MemAvailable")
 
 
 def _of_limit() -> int | None:
@@ -89,7 +89,7 @@ def _of_limit() -> int | None:
     except ImportError:  # Windows has none.
         return None
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    used = _entry(PROCESS / "self" / "status", "VmSize")
+    used = entry_in_bytes(PROCESS / "self" / "status", "VmSize")
     return None if limit == resource.RLIM_INFINITY or used is None else limit - used
 
 
@@ -126,8 +126,8 @@ def _left_in(folder: Path, limit: str, usage: str, cache: str) -> list[int]:
     return [most - used + (int(found[1]) if found else 0)]
 
 
-def _entry(path: Path, name: str) -> int | None:
-    """An entry in kB of a file of the system, in bytes."""
+def entry_in_bytes(path: Path, name: str) -> int | None:
+    """An entry in kB of a file of the system, such as ``VmRSS`` of ``status``, in bytes."""
     try:
         found = re.search(rf"^{name}:\s+(\d+) kB$", path.read_text(), re.MULTILINE)
     except OSError:

@@ -22,9 +22,9 @@ _SMALL_AS_0 = ("to_world", "principal_point_offset")
 def require_usable_together(camera: Camera, lens: ThinLens | TelecentricLens) -> None:
     """Raise ``ValueError`` unless single precision can form the picture of a lens and a camera.
 
-    That is so where :func:`.telecentric.require_fitting` raises, of an f-number that is neither in
-    ``F_NUMBERS`` nor infinite, and of other numbers beyond ``MAGNITUDES``, of which only the upper
-    bound holds for ``to_world`` and ``principal_point_offset``. It names the number.
+    That is so where :func:`.telecentric.require_fitting` raises, of an f-number that is given and
+    is neither in ``F_NUMBERS`` nor infinite, and of other numbers beyond ``MAGNITUDES``, of which
+    only the upper bound holds for ``to_world`` and ``principal_point_offset``. It names the number.
     """
     require_fitting(camera, lens)
     require_usable_lens(lens)

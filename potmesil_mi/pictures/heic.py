@@ -6,6 +6,7 @@ over distance, or for distance in metres (ISO/IEC 23008-2, depth representation 
 
 from __future__ import annotations
 
+import functools
 import io
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .programs import DEPTH_IN_METERS
-from .reading import LONGEST_TEXT, PictureFile, PicturePart
+from .reading import PictureFile, PicturePart, first_line
 
 BOX = b"ftyp"
 """What stands at the fifth byte of such a file."""
@@ -74,7 +75,8 @@ class HeicFile(PictureFile):
             self._picture = pillow_heif.open_heif(self.path)
             info, size = self._picture.info, self._picture.size
         except Exception as error:  # Whatever a parser makes of a damaged file.
-            raise ValueError(f"{self.path}: is not a picture that can be read: {error}") from error
+            said = first_line(str(error))
+            raise ValueError(f"{self.path}: is not a picture that can be read: {said}") from error
         transfer = (info.get("nclx_profile") or {}).get("transfer_characteristics")
         if transfer in HDR_TRANSFERS:
             raise ValueError(
@@ -110,16 +112,15 @@ class HeicFile(PictureFile):
         A depth of which nothing says what its codes stand for is these codes.
         """
         try:
-            colours = self._in_srgb()
+            colours = self._in_srgb
             if part.number == 0:
                 return colours[..., [part.channels.index(name) for name in names]]
             image = self._picture.info["depth_images"][0]
             codes = np.asarray(image)
             codes = codes[..., 0] if codes.ndim == 3 else codes
         except Exception as error:
-            raise ValueError(
-                f"{self.path}: is truncated or damaged: {str(error)[:LONGEST_TEXT]}"
-            ) from error
+            said = first_line(str(error))
+            raise ValueError(f"{self.path}: is truncated or damaged: {said}") from error
         disparity = _decoded(codes, image.info.get("metadata"))
         values = _enlarged(codes if disparity is None else disparity, colours, self.path)
         if disparity is None:
@@ -127,8 +128,9 @@ class HeicFile(PictureFile):
         with np.errstate(divide="ignore"):
             return (1 / values)[..., None]
 
+    @functools.cached_property
     def _in_srgb(self) -> np.ndarray:
-        """The colours, from the profile that the file has; what is beyond sRGB is clipped."""
+        """The colours, from the file's profile, made once; what is beyond sRGB is clipped."""
         from PIL import Image, ImageCms
 
         picture: Image.Image = self._picture.to_pillow()

@@ -90,7 +90,7 @@ class PictureFile:
         try:
             opened = oiio.ImageInput.open(str(self.path), how)
             if opened is None:
-                said = _first_line(oiio.geterror())
+                said = first_line(oiio.geterror())
                 raise ValueError(f"{self.path}: is not a picture that can be read: {said}")
             try:
                 yield opened
@@ -121,7 +121,7 @@ class PictureFile:
         with self._opened() as opened:
             values = opened.read_image(part.number, 0, first, last, wanted)
             if values is None:
-                said = _first_line(opened.geterror())
+                said = first_line(opened.geterror())
                 raise ValueError(f"{self.path}: is truncated or damaged: {said}")
         values = np.asarray(values).reshape(part.box[3], part.box[2], last - first)
         return values[..., [i - first for i in index]]
@@ -141,7 +141,7 @@ def _part(number: int, spec: Any) -> PicturePart:
     )
 
 
-def _first_line(text: str) -> str:
+def first_line(text: str) -> str:
     """What a library says, in a line; it may say a lot, and nothing."""
     lines = text.strip().splitlines()
     return lines[0][:LONGEST_TEXT] if lines else "of an unknown form"

@@ -46,7 +46,8 @@ def with_layers(
     added = []
     if antialiased:
         positive = np.maximum(light, 0).reshape(*z.shape, light.shape[1])
-        parts = parts_of(positive, radius_per_vergence / z)
+        parallax = radius_per_vergence / z
+        parts = parts_of(positive, parallax)
         at, share = parts.pixel, parts.share
         nearer = z.ravel()[parts.source] < z.ravel()[at]
         # What is negative stays with the surface whose depth the pixel has.
@@ -59,7 +60,7 @@ def with_layers(
             behind = at[nearer], at[nearer], own[nearer], share[nearer]
             added.append(_Added(*behind, 1))
             weight_behind[at[~nearer]] = 1 - share[~nearer]
-        edges = bright_edges_of(positive, near_silhouettes(radius_per_vergence / z))
+        edges = bright_edges_of(positive, near_silhouettes(parallax))
         at, share, negative = edges.pixel, edges.share, np.minimum(light[edges.pixel], 0)
         light[at], weight[at] = edges.bright + negative, share
         middle[at] = edges.toward * (1 - share)[:, None] / 2

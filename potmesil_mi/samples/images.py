@@ -34,6 +34,7 @@ from ..optics.depth import (
 )
 from ..optics.lens import ThinLens
 from ..optics.planarity import bending, verdict
+from ..optics.usable import require_usable_together
 from ..pictures.heic import picture_file
 from ..pictures.picture import Frame, read_depth, read_picture
 from ..pictures.programs import KnownDepth
@@ -199,6 +200,7 @@ def _image_of_deep(image: DeepImage, name: str, described: Described) -> Sampled
     known = described.known_of(image.frame)
     described = _as_known(described, known, name, lambda: {"z": math.nan})
     try:
+        require_usable_together(camera, lens)
         z = _z(_scaled(image.depth, described), image.x, image.y, camera, described)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
@@ -232,6 +234,7 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
     if depth.shape != size:
         raise ValueError(f"depth: its shape is {depth.shape}, must be {size}, as that of rgb")
     camera = _camera(described.camera, size)
+    require_usable_together(camera, lens)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
     x, y = x + camera.crop_offset[0], y + camera.crop_offset[1]
     z = _z(depth, x, y, camera, described)

@@ -12,7 +12,7 @@ from ..optics.camera import Camera, horizontal_fov
 from ..optics.camera.pinhole import FovAxis
 from ..optics.depth import camera_of
 from ..optics.lens import ThinLens
-from ..optics.usable import require_magnitude, require_usable_together
+from ..optics.usable import require_magnitude
 from ..pictures.picture import Frame
 from ..pictures.programs import BLENDER
 from .header import json_object, lens_of_header
@@ -40,24 +40,8 @@ def camera_and_lens(
 
     ``camera``, or its field of view in degrees, and ``lens``, or some of its parameters, are what
     is given; it goes before what the file says, but the field of view that a file says stays.
-    Raises ``ValueError`` that names all that nothing says, what contradicts itself, or of what no
-    picture can be formed.
+    Raises ``ValueError`` that names all that nothing says, or what contradicts itself.
     """
-    found = _camera_and_lens(frame, name, camera, lens)
-    try:
-        require_usable_together(*found)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
-    return found
-
-
-def _camera_and_lens(
-    frame: Frame,
-    name: str,
-    camera: Camera | float | None,
-    lens: ThinLens | Mapping[str, Any] | None,
-) -> tuple[Camera, ThinLens]:
-    """See :func:`camera_and_lens`."""
     if isinstance(camera, Camera):
         require_fitting(camera, frame.size)
     if isinstance(lens, ThinLens):

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import collections
 import multiprocessing
-import re
 import sys
 import tempfile
 import time
@@ -163,11 +162,11 @@ def serve(pipe: Connection, folder: str) -> None:
 
 def memory(reset: bool = False) -> int:
     """The most memory of this process in bytes since it was last reset; now, if it is reset."""
-    status = Path("/proc/self/status")
+    from potmesil_mi._memory import entry_in_bytes
+
     if reset:
         Path("/proc/self/clear_refs").write_text("5")
-    found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
-    return int(found[1]) << 10 if found else 0
+    return entry_in_bytes(Path("/proc/self/status"), "VmHWM") or 0
 
 
 if __name__ == "__main__":

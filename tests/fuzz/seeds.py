@@ -8,9 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
-import OpenImageIO as oiio
 from heic import representation, write_heic
+from picture_files import write_deep, write_exr, write_image
 
 import potmesil_mi as pm
 from scenes import synthetic
@@ -47,14 +46,14 @@ def seeds(folder: Path) -> list[Seed]:
     made += [
         Seed(path, _of_picture)
         for path in (
-            _exr(folder / "flat.exr", {**colours, "Z": z}, **flat),
-            _exr(folder / "parts.exr", colours, {"V.Depth.Z": z}),
-            _deep(folder / "deep.exr", deep),
+            write_exr(folder / "flat.exr", {**colours, "Z": z}, **flat),
+            write_exr(folder / "parts.exr", colours, {"V.Depth.Z": z}),
+            write_deep(folder / "deep.exr", deep, ("R", "G", "B", "A", "Z", "ZBack")),
         )
     ]
-    for path in (_image(folder / "a.png", codes), _image(folder / "a.tif", codes)):
+    for path in (write_image(folder / "a.png", codes), write_image(folder / "a.tif", codes)):
         made.append(Seed(path, lambda path: _of_picture(path, folder / "z.npy")))
-    jpeg = _image(folder / "a.jpg", codes)
+    jpeg = write_image(folder / "a.jpg", codes)
     made.append(Seed(jpeg, lambda path: _of_picture(path, folder / "z.npy")))
     made.append(Seed(folder / "z.npy", lambda path: _of_picture(folder / "flat.exr", path)))
     phone = write_heic(
@@ -87,41 +86,6 @@ def _moving(count: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(4)
     time = np.sort(rng.uniform(0, 1, count)).astype(np.float32)
     return {"time": time, "motion": rng.normal(0, 0.1, (count, 3)).astype(np.float32)}
-
-
-def _exr(path: Path, *parts: dict[str, np.ndarray], **attributes: float) -> Path:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
-    made = [
-        OpenEXR.Part(
-            dict(header), {of: np.ascontiguousarray(v) for of, v in part.items()}, name=f"part{i}"
-        )
-        for i, part in enumerate(parts)
-    ]
-    with OpenEXR.File(made) as file:
-        file.write(str(path))
-    return path
-
-
-def _deep(path: Path, pixels: list[list[list[tuple[float, ...]]]]) -> Path:
-    channels = {}
-    for i, name in enumerate(("R", "G", "B", "A", "Z", "ZBack")):
-        column = np.empty(SIZE[::-1], dtype=object)
-        for row, column_ in np.ndindex(*SIZE[::-1]):
-            column[row, column_] = np.array([of[i] for of in pixels[row][column_]], np.float32)
-        channels[name] = column
-    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
-    with OpenEXR.File([OpenEXR.Part(header, channels, name="rgba")]) as file:
-        file.write(str(path))
-    return path
-
-
-def _image(path: Path, codes: np.ndarray) -> Path:
-    height, width, channels = codes.shape
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), oiio.ImageSpec(width, height, channels, "uint8"))
-    output.write_image(codes)
-    output.close()
-    return path
 
 
 HOSTILE = (

@@ -1,8 +1,8 @@
 """Deep EXR files of other programs: transparency, volumes, what a lens sees behind things."""
 
 import numpy as np
-import OpenEXR
 import pytest
+from picture_files import write_deep
 
 import potmesil_mi as pm
 
@@ -11,23 +11,6 @@ pytestmark = pytest.mark.usefixtures("variant_llvm")
 SIZE = (24, 16)
 LENS = {"f_number": 0.5, "focus_distance": 2.0, "millimeters_per_unit": 1000.0}
 OPTIONS = {"camera": 40.0, "lens": LENS, "depth_kind": "z"}
-
-
-def write_deep(path, pixels, names, **attributes):
-    """``pixels`` (H, W) are lists of samples, each with a number for each channel of ``names``."""
-    height, width = len(pixels), len(pixels[0])
-    channels = {}
-    for i, name in enumerate(names):
-        column = np.empty((height, width), dtype=object)
-        for row in range(height):
-            for at in range(width):
-                column[row, at] = np.array([of[i] for of in pixels[row][at]], np.float32)
-        channels[name] = column
-    kind = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
-    header = {**kind, **attributes}
-    with OpenEXR.File([OpenEXR.Part(header, channels, name="rgba")]) as file:
-        file.write(str(path))
-    return path
 
 
 def everywhere(*samples):

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-import OpenEXR
-import OpenImageIO as oiio
 import pytest
+from picture_files import write_exr, write_image
 
 import potmesil_mi as pm
 from potmesil_mi._image import write_picture
@@ -52,37 +51,8 @@ def ray_length(z, camera=None):
     return ray_length_from_depth(z, x, y, camera or camera_of(FOV, SIZE))
 
 
-def write_exr(path, *parts, **attributes):
-    """Parts are mappings of channels; the attributes are of each."""
-    made = [
-        OpenEXR.Part(
-            {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes},
-            {name: np.ascontiguousarray(values) for name, values in part.items()},
-            name=f"part{i}",
-        )
-        for i, part in enumerate(parts)
-    ]
-    with OpenEXR.File(made) as file:
-        file.write(str(path))
-    return path
-
-
 def rgb_channels(rgb, prefix=""):
     return {f"{prefix}{name}": rgb[..., i] for i, name in enumerate("RGB")}
-
-
-def write_image(path, values, **attributes):
-    """A picture as OpenImageIO writes it, of the type of the array."""
-    values = values.reshape(*values.shape[:2], -1)
-    kind = str(values.dtype).replace("float32", "float")
-    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind)
-    for name, value in attributes.items():
-        spec.attribute(name, value)
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec)
-    output.write_image(np.ascontiguousarray(values))
-    output.close()
-    return path
 
 
 def same(samples, others, colours=1e-4):
