@@ -10,6 +10,8 @@ depth. Where the lens is focused on something so near, what is far away is moved
 from __future__ import annotations
 
 import math
+import sys
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +25,21 @@ MOST_FRAMES = 8
 at most, in diagonals of the window."""
 
 
+class _Ends(NamedTuple):
+    """The vergences of the farthest and of the nearest sample."""
+
+    farthest: float
+    nearest: float
+
+    @classmethod
+    def of(cls, samples: PointSamples) -> _Ends:
+        return cls(1 / float(samples.z.max()), 1 / float(samples.z.min()))
+
+    @property
+    def nbytes(self) -> int:
+        return sys.getsizeof(self)
+
+
 def within_reach(samples: PointSamples, blur: Blur, memo: Memo) -> tuple[PointSamples, Memo]:
     """The samples with what is out of reach moved, and a memo of their own, which ``memo`` keeps.
 
@@ -32,7 +49,7 @@ def within_reach(samples: PointSamples, blur: Blur, memo: Memo) -> tuple[PointSa
         return samples, memo
     reach = MOST_FRAMES * math.hypot(samples.window.width, samples.window.height)
     most = reach / blur.radius_per_vergence
-    farthest, nearest = 1 / float(samples.z.max()), 1 / float(samples.z.min())
+    farthest, nearest = memo.get("ends of vergence", lambda: _Ends.of(samples))
     focused = blur.focused_vergence
     if nearest - farthest <= most and farthest <= focused + most:
         return samples, memo
