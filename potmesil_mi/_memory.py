@@ -78,6 +78,11 @@ def size_in_bytes(name: str, text: str) -> int:
     return int(float(found[1]) * UNITS[found[2].upper()])
 
 
+def peak_memory() -> int:
+    """The most bytes that the process has taken so far; 0 where that is not known."""
+    return entry_in_bytes(PROCESS / "self" / "status", "VmHWM") or 0
+
+
 def _of_machine() -> int | None:
     return entry_in_bytes(PROCESS / "meminfo", "MemAvailable")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -48,6 +48,31 @@ def reported() -> Iterator[ProgressCallback]:
             yield show
     else:
         yield lambda text, share: None
+
+
+@contextlib.contextmanager
+def as_one(stages: Mapping[str, float]) -> Iterator[None]:
+    """Report the jobs within the block as one, whose ``stages`` have such shares of its time.
+
+    They come in their order; one that there is not takes no time. What is not among them moves
+    nothing. The share that is done never falls, and is not known before the first stage.
+    """
+    total, begins, sum_before = sum(stages.values()), {}, 0.0
+    for name, share in stages.items():
+        begins[name] = sum_before
+        sum_before += share
+    done: float | None = None
+    with reported() as report:
+
+        def tell(text: str, share: float | None) -> None:
+            nonlocal done
+            if text in begins:
+                reached = (begins[text] + (share or 0.0) * stages[text]) / total
+                done = max(done or 0.0, reached)
+            report(text, done)
+
+        with progress(tell):
+            yield
 
 
 def track(steps: Iterable[T], description: str, total: float | None = None) -> Iterator[T]:

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .given import given_method
 from .options import (
     SAMPLING_OPTIONS,
     add_denoise,
@@ -20,10 +21,8 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
-    given_method,
-    set_variant,
 )
-from .taking import Opened, samples_of_file
+from .taking import SCENE, Opened, samples_of_file, set_variant
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation
@@ -52,9 +51,6 @@ pull.toml, for example:
 Samples are taken once. Frames that are there already stay, so that what was interrupted goes on.
 """
 
-
-SCENE = ".xml"
-"""How names of scenes end."""
 
 SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
 """Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .given import given_denoise, given_method, given_sampling, unit_of
 from .options import (
     add_denoise,
     add_filter,
@@ -22,18 +22,13 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
-    given_denoise,
-    given_method,
-    given_sampling,
-    scene_with_lens,
-    set_variant,
 )
-from .taking import Opened, samples_of_file
+from .report import console
+from .taking import Opened, samples_of_file, scene_with_lens, set_variant
 
 if TYPE_CHECKING:
     import mitsuba as mi
     import numpy as np
-    from rich.console import Console
 
     from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
@@ -75,6 +70,7 @@ def render(options: argparse.Namespace) -> None:
     from ..focusing.api import focus
     from ..samples.maps import maps_of
 
+    report = Report(options)
     _check_outputs(options.output, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
@@ -88,6 +84,8 @@ def render(options: argparse.Namespace) -> None:
         alpha=opened.has_alpha,
     )
     _write(picture, samples, options.output, maps)
+    kept = [options.samples] if options.samples and not opened.not_kept else []
+    report.written([*options.output, *kept], samples)
     opened.require_kept()
 
 
@@ -129,6 +127,7 @@ def refocus(options: argparse.Namespace) -> None:
 
     from ..filters.base import as_filters
 
+    report = Report(options)
     _check_outputs(options.output, maps=options.maps)
     for source in (options.samples, options.depth):
         if source:
@@ -155,6 +154,7 @@ def refocus(options: argparse.Namespace) -> None:
     alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
     picture = focus(samples, method=method, filters=filters, alpha=alpha)
     _write(picture, samples, options.output, maps)
+    report.written(options.output, samples)
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
@@ -232,16 +232,16 @@ def against_thinlens(options: argparse.Namespace) -> None:
         sensor,
         spp=options.spp,
         seed=options.seed,
-        sampling=given_sampling(options, integrator),
+        sampling=given_sampling(options, integrator, unit_of(sensor)),
         reference_spp=options.reference_spp,
         reference_floor=options.reference_floor,
         budget=options.budget,
         denoise=given_denoise(options, integrator),
         method=method,
     )
-    console = _console()
-    console.print(comparison.table())
-    console.print(comparison.summary())
+    printer = console()
+    printer.print(comparison.table())
+    printer.print(comparison.summary())
     for path in comparison.write(options.output) if options.output else ():
         print(path)
 
@@ -302,9 +302,9 @@ def dof(options: argparse.Namespace) -> None:
                 *(f"{value:.{digits}f}" for value in (far, near, far - near)),
             )
         diameters.append(f"{lens.lens_diameter:.2f} mm at f/{f_number:g}")
-    console = _console()
-    console.print(table)
-    console.print(f"Lens diameter is {', '.join(diameters)}")
+    printer = console()
+    printer.print(table)
+    printer.print(f"Lens diameter is {', '.join(diameters)}")
 
 
 # ---------------------------------------------------------------- output
@@ -347,9 +347,3 @@ def _write(
     said = attributes_of_formed(samples.camera, samples.lens)
     for path in paths:
         write_picture(picture, path, said, maps)
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 100)

@@ -1,18 +1,14 @@
-"""Options that commands share, made from the parameters they stand for, and what they say."""
+"""Options that commands share, made from the parameters they stand for."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-if TYPE_CHECKING:
-    import mitsuba as mi
+from .._units import MILLIMETERS, Length, f_number_of
 
-    from ..focusing.methods import Method
-    from ..motion.motion import Motion
-    from ..tracing.sampling import Sampling
+T = TypeVar("T")
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb")
 """Mitsuba's variants of which the first that works is taken."""
@@ -33,12 +29,12 @@ SAMPLING_OPTIONS = {
 """Help of the options that are fields of ``Sampling``."""
 
 LENS_OPTIONS = {
-    "f_number": "aperture number F/D",
-    "aperture_radius": "in scene units, in place of --f-number",
-    "focus_distance": "in scene units along the axis, or inf",
+    "f_number": "aperture number F/D, such as 2.8 or f/2.8",
+    "aperture_radius": "in scene units or as 5mm, in place of --f-number",
+    "focus_distance": "in scene units along the axis, or with a unit, 1.2m, or inf",
     "half_angle": "in degrees, of the telecentric lens of an orthographic sensor",
-    "focal_length": "in mm",
-    "frame_width": "width of the film in mm",
+    "focal_length": "in mm, or with a unit",
+    "frame_width": "width of the film in mm, or with a unit",
     "millimeters_per_unit": "size of a scene unit in mm",
     "film": "film at F, or at the focused image",
     "aperture": "disc, polygon:blades=6,rotation=15,curvature=0.2, image:filename=heart.png, or "
@@ -69,9 +65,6 @@ PICTURE_OPTIONS = {
 OPTION_NAMES = {"camera": "--fov"}
 """Options that are not called what their parameters are."""
 
-OPENINGS = {"f_number", "aperture_radius"}
-"""Two parameters of which one says how wide the aperture is."""
-
 METHOD_OPTIONS = {
     "method": "layered: what is visible (default); lightfield: the same, finer; paper: equation "
     "20; or one with parameters, such as layered:lens_points=64,squares=2",
@@ -82,6 +75,15 @@ METHOD_OPTIONS = {
     "squares": "squares on a side of a pixel (layered 1 or 2, lightfield 2 or 4, paper 2)",
 }
 """Help of the options that say how ``focus`` forms the picture."""
+
+IN_UNITS = {"focus_distance", "aperture_radius", "near", "far", "background"}
+"""Parameters that are lengths in scene units."""
+
+IN_MILLIMETERS = {"focal_length", "frame_width"}
+"""Parameters that are lengths in millimetres."""
+
+F_NUMBERS = {"f_number", "min_f_number"}
+"""Parameters that are f-numbers."""
 
 METAVARS = {
     "overscan": "PIXELS",
@@ -109,9 +111,6 @@ METAVARS = {
     "vignetting": "SHARE",
 }
 """What stands for the value of an option in the help, where it is not the option's name."""
-
-
-# ---------------------------------------------------------------- groups of options
 
 
 def add_scene(command: argparse.ArgumentParser, what: str = "the scene") -> None:
@@ -201,6 +200,18 @@ def add_lens(command: argparse.ArgumentParser) -> None:
     types = {**_types_of(TelecentricLens), **_types_of(ThinLens)}
     group = command.add_argument_group("lens", "default: what the scene or the samples say")
     _add_parameters(group, types, LENS_OPTIONS)
+    group.add_argument(
+        "--units", choices=MILLIMETERS,
+        help="what a scene unit is, in the place of --millimeters-per-unit",
+    )  # fmt: skip
+    group.add_argument(
+        "--focus-at", metavar="X,Y", type=_place,
+        help="focus on what this pixel shows, from the top left corner; or 30%%,50%%",
+    )  # fmt: skip
+    group.add_argument(
+        "--focus-on", metavar="NAME",
+        help="focus on the surface of this name (`potmesil info` lists them), or on the center",
+    )  # fmt: skip
 
 
 def add_method(command: argparse.ArgumentParser) -> None:
@@ -236,6 +247,16 @@ def add_filter(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_talk(command: argparse.ArgumentParser) -> None:
+    """Add the options that say how much the command says."""
+    group = command.add_argument_group("messages")
+    group.add_argument("-q", "--quiet", action="store_true", help="warnings and errors alone")
+    group.add_argument("-v", "--verbose", action="store_true", help="more of what was done")
+    group.add_argument(
+        "--json", action="store_true", help="what it says as JSON, on standard output"
+    )
+
+
 def _types_of(owner: type) -> dict[str, Any]:
     """Types of the parameters with which objects of a class are made."""
     return get_type_hints(owner.__init__)  # type: ignore[misc]
@@ -248,11 +269,18 @@ def _add_parameters(
     for name, text in texts.items():
         option = OPTION_NAMES.get(name, "--" + name.replace("_", "-"))
         metavar = METAVARS.get(name)
-        group.add_argument(option, help=text, metavar=metavar, dest=name, **_parsing(types[name]))
+        parsing = _parsing(name, types[name])
+        group.add_argument(option, help=text, metavar=metavar, dest=name, **parsing)
 
 
-def _parsing(kind: Any) -> dict[str, Any]:
-    """How ``argparse`` reads a parameter of a type, which may be optional."""
+def _parsing(name: str, kind: Any) -> dict[str, Any]:
+    """How ``argparse`` reads a parameter of that name and type, which may be optional."""
+    if name in IN_UNITS:
+        return {"type": length}
+    if name in IN_MILLIMETERS:
+        return {"type": millimeters}
+    if name in F_NUMBERS:
+        return {"type": f_number}
     kinds = [kind] if get_origin(kind) in (None, Literal) else [*get_args(kind)]
     for one in kinds:
         if get_origin(one) is Literal:
@@ -264,122 +292,46 @@ def _parsing(kind: Any) -> dict[str, Any]:
     return {"type": int if int in kinds else float}
 
 
+def length(text: str) -> Length:
+    """A length as an option says it, with or without a unit."""
+    return _read(Length.of, text)
+
+
+def millimeters(text: str) -> float:
+    """A length in millimetres, where no other unit is said."""
+    return length(text).in_units(1.0)
+
+
+def f_number(text: str) -> float:
+    """An f-number as an option says it."""
+    return _read(f_number_of, text)
+
+
+def _read(parse: Callable[[str], T], text: str) -> T:
+    """What ``parse`` makes of an option's text; what is wrong with it is said of the option."""
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _place(text: str) -> tuple[tuple[float, bool], ...]:
+    """A place in the picture: across and down, numbers, each in pixels or a share of the side."""
+    parts = [part.strip() for part in text.split(",")]
+    try:
+        x, y = parts
+        return tuple(
+            (float(part.rstrip("%")) / (100 if part.endswith("%") else 1), part.endswith("%"))
+            for part in (x, y)
+        )
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be two numbers with a comma between, pixels such as 320,240 or 30%,50%"
+        ) from None
+
+
 def _definition(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     if not key or not equals:
         raise argparse.ArgumentTypeError(f"{text!r}: must be KEY=VALUE")
     return key, value
-
-
-# ---------------------------------------------------------------- what the options say
-
-
-def scene_with_lens(
-    options: argparse.Namespace, otherwise: Mapping[str, Any] | None = None
-) -> tuple[mi.Scene, mi.Sensor]:
-    """The scene, and its sensor with the lens of the options.
-
-    Where these do not say it, the lens has the parameters ``otherwise``.
-    """
-    import mitsuba as mi
-
-    from ..tracing.sensor import (
-        has_lens,
-        is_orthographic,
-        pick_sensor,
-        potmesil_sensor,
-        stated_focus_distance,
-    )
-
-    set_variant(options.variant)
-    # Optimised loading merges meshes of one material, and with them their ids and names.
-    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
-    if scene.integrator() is None:
-        raise ValueError(f"{options.scene}: has no integrator")
-    sensor = pick_sensor(scene, options.sensor)
-    given, lens = given_lens(options), dict(otherwise or {})
-    if not given.keys().isdisjoint(OPENINGS):
-        lens = {name: value for name, value in lens.items() if name not in OPENINGS}
-    lens.update(given)
-    if is_orthographic(sensor):
-        told = "focus_distance" in lens or stated_focus_distance(sensor) is not None
-        if not (has_lens(sensor) or (told and "half_angle" in lens)):
-            raise ValueError(
-                f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
-                "--half-angle and --focus-distance"
-            )
-        return scene, potmesil_sensor(sensor, **lens)
-    if "half_angle" in lens:
-        raise ValueError(
-            f"half_angle={lens['half_angle']}: is for an orthographic sensor, which the scene "
-            f"{options.scene} does not have"
-        )
-    if not has_lens(sensor) and lens.keys().isdisjoint(OPENINGS):
-        raise ValueError(
-            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
-            "--aperture-radius) and --focus-distance"
-        )
-    return scene, potmesil_sensor(sensor, **lens)
-
-
-def given_lens(options: argparse.Namespace) -> dict[str, Any]:
-    """Parameters of the lens that the options give."""
-    return _given(options, LENS_OPTIONS)
-
-
-def given_picture(options: argparse.Namespace) -> dict[str, Any]:
-    """Parameters of ``PointSamples.from_image`` that the options give."""
-    return _given(options, PICTURE_OPTIONS)
-
-
-def given_sampling(options: argparse.Namespace, integrator: mi.Integrator) -> Sampling:
-    """What the options say of the sampling, and for the rest what the integrator says."""
-    from ..tracing.sampling import Sampling
-
-    sampling = getattr(integrator, "sampling", Sampling())
-    return dataclasses.replace(sampling, **_given(options, SAMPLING_OPTIONS))
-
-
-def given_denoise(options: argparse.Namespace, integrator: mi.Integrator) -> bool:
-    """Whether samples are denoised: what the option says, and without it the integrator."""
-    if options.denoise is None:
-        return bool(getattr(integrator, "denoise", False))
-    return bool(options.denoise)
-
-
-def given_motion(options: argparse.Namespace, integrator: mi.Integrator) -> Motion | None:
-    """What moves: what the option says, and without it the integrator."""
-    from ..motion.motion import Motion
-
-    path = getattr(options, "motion", None)
-    return getattr(integrator, "motion", None) if path is None else Motion.load(path)
-
-
-def given_method(options: argparse.Namespace, said: Method | None = None) -> Method:
-    """The method that the options describe, and for the rest ``said``, by the scene.
-
-    Raises ``ValueError`` or ``TypeError`` that names the parameter.
-    """
-    from .._spec import read
-    from ..focusing.methods import method_of
-
-    given = _given(options, METHOD_OPTIONS)
-    if said is None or "method" not in given:
-        return method_of(given.pop("method", said or "layered"), **given)
-    # Another method has those parameters of the scene's that both have, unless its text tells them.
-    _, told = read(given["method"], "method")
-    names = METHOD_OPTIONS.keys() - {"method", *told}
-    kept = {name: getattr(said, name, None) for name in names}
-    return method_of(**{**kept, **given})
-
-
-def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
-    values = {name: getattr(options, name) for name in names}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def set_variant(names: str | None) -> None:
-    """Set the first that works of Mitsuba's variants, which are those of the option."""
-    import mitsuba as mi
-
-    mi.set_variant(*(VARIANTS if names is None else names.split(",")))

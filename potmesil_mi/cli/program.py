@@ -7,12 +7,15 @@ that ``--help`` and ``dof`` start at once and need no LLVM.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 from .._memory import limited_to
+from .._progress import as_one, progress
 from .animate import animate, animate_options
 from .commands import (
     against_thinlens,
@@ -24,6 +27,95 @@ from .commands import (
     render,
     render_options,
 )
+from .info import info, info_options
+from .options import add_talk
+from .parser import CommandParser, nearest
+
+SAMPLING = {
+    "Exposing": 0.05,
+    "Sampling": 0.6,
+    "Veils": 0.05,
+    "Windows": 0.1,
+    "Hidden surfaces": 0.1,
+    "Reflections": 0.05,
+}
+"""What takes samples of a scene, in order, and about which share of the time it takes."""
+
+FOCUSING = {"Denoising": 0.2, "Focusing": 0.1}
+"""The same of what forms a picture of them."""
+
+
+class _Command(NamedTuple):
+    """A command: one line about it, what adds its options and what runs it.
+
+    ``stages`` are those of the jobs that are shown as one, and their shares of the time.
+    """
+
+    summary: str
+    add_options: Callable[[argparse.ArgumentParser], str]
+    run: Callable[[argparse.Namespace], None]
+    stages: Mapping[str, float] = {}
+    talks: bool = True
+    """Whether it says what it has done."""
+
+
+SHELLS = ("bash", "zsh", "tcsh")
+"""Shells that can complete commands."""
+
+FILES = {"scene", "samples", "output", "source", "animation", "map", "motion", "depth"}
+"""Parameters of commands that are files."""
+
+COMPLETION_EXAMPLES = """
+examples:
+  potmesil completion bash >> ~/.bashrc
+  potmesil completion zsh > ~/.zfunc/_potmesil
+"""
+
+
+def completion_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil completion``; returns the examples."""
+    command.add_argument("shell", choices=SHELLS, help="the shell that is to complete")
+    return COMPLETION_EXAMPLES
+
+
+def completion(options: argparse.Namespace) -> None:
+    """``potmesil completion``: a script for the shell."""
+    import shtab
+
+    parser, commands = _parsers(tuple(COMMANDS))
+    for command in commands.values():
+        for action in command.actions():
+            if action.dest in FILES:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+    print(shtab.complete(parser, shell=options.shell))
+
+
+COMMANDS = {
+    "render": _Command(
+        "render a Mitsuba scene through the lens", render_options, render, SAMPLING | FOCUSING
+    ),
+    "focus": _Command("form a picture from point samples", focus_options, refocus, FOCUSING),
+    "animate": _Command("form the frames of an animation", animate_options, animate),
+    "info": _Command(
+        "tell what a scene, samples or a picture have, and what a lens makes sharp",
+        info_options,
+        info,
+        SAMPLING,
+    ),
+    "compare": _Command(
+        "compare a focused picture with a ray-traced one: error and time",
+        compare_options,
+        against_thinlens,
+    ),
+    "dof": _Command("print depths of field; by default the paper's Table 1", dof_options, dof),
+    "completion": _Command(
+        "print what lets a shell complete commands and options",
+        completion_options,
+        completion,
+        talks=False,
+    ),
+}
+"""The commands by their names, in the order of the help."""
 
 
 def run(arguments: Sequence[str]) -> None:
@@ -33,54 +125,63 @@ def run(arguments: Sequence[str]) -> None:
     """
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
-        options = _parser(arguments).parse_args(arguments)
-        with limited_to(getattr(options, "max_memory", None)):
-            options.command(options)
+        parser, commands = _parsers(arguments)
+        options = parser.parse_args(arguments)
+        command = commands[options.command]
+        stages = COMMANDS[options.command].stages
+        with limited_to(getattr(options, "max_memory", None)), contextlib.ExitStack() as stack:
+            if getattr(options, "quiet", False):
+                stack.enter_context(progress(lambda text, share: None))
+            elif stages:
+                stack.enter_context(as_one(stages))
+            stack.enter_context(_errors_of(command, options))
+            COMMANDS[options.command].run(options)
 
 
-class _Command(NamedTuple):
-    """A command: one line about it, what adds its options and what runs it."""
-
-    summary: str
-    add_options: Callable[[argparse.ArgumentParser], str]
-    run: Callable[[argparse.Namespace], None]
-
-
-COMMANDS = {
-    "render": _Command("render a Mitsuba scene through the lens", render_options, render),
-    "focus": _Command("form a picture from point samples", focus_options, refocus),
-    "animate": _Command("form the frames of an animation", animate_options, animate),
-    "compare": _Command(
-        "compare a focused picture with a ray-traced one: error and time",
-        compare_options,
-        against_thinlens,
-    ),
-    "dof": _Command("print depths of field; by default the paper's Table 1", dof_options, dof),
-}
-"""The commands by their names, in the order of the help."""
-
-
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of those commands only that ``arguments`` name."""
-    parser = argparse.ArgumentParser(
+def _parsers(arguments: Sequence[str]) -> tuple[CommandParser, dict[str, CommandParser]]:
+    """The parser and those of commands, with the options of those that ``arguments`` name."""
+    parser = CommandParser(
         prog="potmesil",
         description="Lens and aperture camera of Potmesil & Chakravarty (1981) for Mitsuba 3.",
     )
     parser.add_argument(
         "--version", action=_Version, nargs=0, help="show program's version number and exit"
     )
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, (summary, add_options, run) in COMMANDS.items():
+    named = next((argument for argument in arguments if not argument.startswith("-")), None)
+    if named is not None and named not in COMMANDS:
+        near = nearest(named, tuple(COMMANDS))
+        meant = f"; did you mean {near}?" if near else ""
+        parser.error(f"{named!r}: must be one of the commands {', '.join(COMMANDS)}{meant}")
+    commands = parser.add_subparsers(
+        title="commands", required=True, metavar="COMMAND", dest="command"
+    )
+    found = {}
+    for name, about in COMMANDS.items():
         command = commands.add_parser(
             name,
-            help=summary,
-            description=f"{summary[0].upper()}{summary[1:]}.",
+            help=about.summary,
+            description=f"{about.summary[0].upper()}{about.summary[1:]}.",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        command.set_defaults(command=run)
         if name in arguments:
-            command.epilog = add_options(command)
-    return parser
+            command.epilog = about.add_options(command)
+            if about.talks:
+                add_talk(command)
+        found[name] = command
+    return parser, found
+
+
+@contextlib.contextmanager
+def _errors_of(command: CommandParser, options: argparse.Namespace) -> Iterator[None]:
+    """Let errors of a parameter within the block speak of the option that gave it."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        found = re.match(r"(\w+)(?=[=:])", str(error))
+        option = command.option_of(found[1]) if found else None
+        if found is None or option is None or getattr(options, found[1], None) in (None, [], False):
+            raise
+        raise type(error)(f"{option}{str(error)[found.end() :]}") from error
 
 
 class _Version(argparse.Action):

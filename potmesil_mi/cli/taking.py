@@ -1,21 +1,26 @@
-"""The scene that a command is given, how it says to focus it, and its point samples."""
+"""The scene or file that a command is given, how to focus it, and its point samples."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .options import (
+from .given import (
+    chooses_focus,
     given_denoise,
     given_lens,
     given_method,
     given_motion,
     given_picture,
     given_sampling,
-    scene_with_lens,
+    unit_of,
+    with_chosen_focus,
 )
+from .options import VARIANTS
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -26,6 +31,102 @@ if TYPE_CHECKING:
     from ..motion.motion import Motion
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
+
+
+SCENE = ".xml"
+"""How names of scenes end."""
+
+OPENINGS = {"f_number", "aperture_radius"}
+"""Two parameters of which one says how wide the aperture is."""
+
+PROBES = 4
+"""Most samples a pixel that are taken to find out how deep a scene is."""
+
+
+def scene_with_lens(
+    options: argparse.Namespace, otherwise: Mapping[str, Any] | None = None
+) -> tuple[mi.Scene, mi.Sensor]:
+    """The scene, and its sensor with the lens of the options.
+
+    Where these do not say it, the lens has the parameters ``otherwise``. Raises ``ValueError``
+    where nothing says how wide its aperture is.
+    """
+    import mitsuba as mi
+
+    from ..tracing.sensor import (
+        has_lens,
+        is_orthographic,
+        pick_sensor,
+        potmesil_sensor,
+        stated_focus_distance,
+    )
+
+    set_variant(options.variant)
+    # Optimised loading merges meshes of one material, and with them their ids and names.
+    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    if scene.integrator() is None:
+        raise ValueError(f"{options.scene}: has no integrator")
+    sensor = pick_sensor(scene, options.sensor)
+    given, lens = given_lens(options, unit_of(sensor)), dict(otherwise or {})
+    if not given.keys().isdisjoint(OPENINGS):
+        lens = {name: value for name, value in lens.items() if name not in OPENINGS}
+    lens.update(given)
+    chooses = chooses_focus(options)
+    told = chooses or "focus_distance" in lens or stated_focus_distance(sensor) is not None
+    if is_orthographic(sensor):
+        if not (has_lens(sensor) or (told and "half_angle" in lens)):
+            raise ValueError(
+                f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
+                "--half-angle and --focus-distance"
+            )
+        anywhere = {"focus_distance": 1.0}
+    else:
+        _require_opening(options, has_lens(sensor), lens)
+        anywhere = {}
+    if chooses:
+        samples = probed(scene, potmesil_sensor(sensor, **{**lens, **anywhere}))
+        lens["focus_distance"] = with_chosen_focus(options, samples).lens.focus_distance
+    elif not told and not has_lens(sensor):
+        warnings.warn(
+            "focus_distance: is not given, so that the lens is focused at infinity; "
+            "--focus-distance, --focus-at X,Y or --focus-on NAME say where else",
+            stacklevel=1,
+        )
+    return scene, potmesil_sensor(sensor, **lens)
+
+
+def _require_opening(options: argparse.Namespace, has_lens: bool, lens: Mapping[str, Any]) -> None:
+    """Raise ``ValueError`` unless a perspective camera gets a thin lens of some aperture."""
+    if "half_angle" in lens:
+        raise ValueError(
+            f"half_angle={lens['half_angle']}: is for an orthographic sensor, which the scene "
+            f"{options.scene} does not have"
+        )
+    if not has_lens and lens.keys().isdisjoint(OPENINGS):
+        raise ValueError(
+            f"{options.scene}: its sensor has no lens; describe one with --f-number (or "
+            "--aperture-radius) and --focus-distance"
+        )
+
+
+def probed(scene: mi.Scene, sensor: mi.Sensor, spp: int = 0) -> PointSamples:
+    """A few samples of what a pinhole sees, which tell where things are.
+
+    They are ``spp`` a pixel; with 0 up to ``PROBES``, as many as the sampler has.
+    """
+    from ..tracing.hidden_surface import render_samples
+    from ..tracing.sampling import Sampling
+
+    few = spp or min(int(sensor.sampler().sample_count()), PROBES)
+    sampling = Sampling(layers=1, overscan=0, refine=0)
+    return render_samples(scene, sensor, spp=few, sampling=sampling)
+
+
+def set_variant(names: str | None) -> None:
+    """Set the first that works of Mitsuba's variants, which are those of the option."""
+    import mitsuba as mi
+
+    mi.set_variant(*(VARIANTS if names is None else names.split(",")))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +159,8 @@ class Opened:
         integrator = scene.integrator()
         if isinstance(integrator, FocusSettings):
             method, filters = given_method(options, integrator.method), integrator.filters
-        sampling, denoise = given_sampling(options, integrator), given_denoise(options, integrator)
+        sampling = given_sampling(options, integrator, unit_of(sensor))
+        denoise = given_denoise(options, integrator)
         motion = given_motion(options, integrator)
         return cls(scene, sensor, sampling, denoise, method, filters, motion)
 
@@ -121,15 +223,21 @@ def samples_of_file(
     from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
 
-    picture, lens = given_picture(options), given_lens(options)
     if holds_samples(path):
+        samples = PointSamples.load(path)
+        picture = given_picture(options)
         if picture:
             raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
-        samples = PointSamples.load(path)
-        return samples.replace(lens=samples.lens.replace(**lens))
+        lens = given_lens(options, getattr(samples.lens, "millimeters_per_unit", None))
+        return with_chosen_focus(options, samples.replace(lens=samples.lens.replace(**lens)))
+    picture, lens = given_picture(options), given_lens(options)
+    if animation is not None:
+        lens = {**animation.first_lens(), **lens}
+    if chooses_focus(options):
+        lens["focus_distance"] = math.inf
+    samples = with_chosen_focus(options, PointSamples.from_image(path, lens=lens, **picture))
     if animation is None:
-        return PointSamples.from_image(path, lens=lens, **picture)
-    samples = PointSamples.from_image(path, lens={**animation.first_lens(), **lens}, **picture)
+        return samples
     own: Any = samples.lens
     lenses: list[Any] = animation.lenses(own)
     widest = max(lenses, key=lambda of: float(of.lens_diameter))

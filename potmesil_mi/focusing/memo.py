@@ -30,6 +30,8 @@ class Memo:
 
     def __init__(self, max_bytes: int = MAX_BYTES) -> None:
         self.max_bytes = max_bytes
+        self.warned_of: set[str] = set()
+        """What users of the samples have been warned of, which they are once."""
         self._values: dict[Hashable, Any] = {}
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:

@@ -31,6 +31,7 @@ from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
 from .methods import Method, MethodName
 from .telecentric import changed, require_usable
+from .traps import warn_of_traps
 
 BYTES_PER_SUBPIXEL = 450.0
 """Memory that a focus takes at its largest for each subpixel of the samples' window, about."""
@@ -144,7 +145,7 @@ def form_picture(
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
     if jit.variant() is not None:  # None: the first backend that works is taken
         jit.require_vectorised_variant("focus")
-    given = _plain(samples.lens if lens is None else lens)
+    given_lens, given = lens, _plain(samples.lens if lens is None else lens)
     require_fitting(samples.camera, given)
     require_usable_lens(given)
     lens, picture_of = _thin_lens(samples, given)
@@ -164,6 +165,7 @@ def form_picture(
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
     _require_memory(samples, subpixels)
+    warn_of_traps(samples, given_lens, memo, depth=3)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
         _require_hashable(channel)

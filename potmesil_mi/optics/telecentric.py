@@ -210,6 +210,13 @@ def require_fitting(camera: Camera, lens: ThinLens | TelecentricLens) -> None:
         )
 
 
+def is_open(lens: ThinLens | TelecentricLens) -> bool:
+    """Whether a lens of either kind has an aperture, and is no pinhole."""
+    plain = lens.plain()
+    opening = plain.aperture_radius if isinstance(plain, ThinLens) else plain.slope
+    return bool(opening > 0)
+
+
 def require_lens(lens: Any) -> None:
     """Raise ``TypeError`` for what is no lens."""
     kinds = (ThinLens, TelecentricLens)

@@ -11,9 +11,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..optics.blur import Blur
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens
+from ..optics.telecentric import TelecentricLens, require_fitting
+from .choosing import require_samples
+from .circles import circle_diameter
 from .point_samples import PointSamples
 
 MapName = Literal["depth", "coc", "id"]
@@ -41,15 +42,16 @@ def surface_map(samples: PointSamples) -> np.ndarray:
 def circle_map(samples: PointSamples, lens: ThinLens | TelecentricLens | None = None) -> np.ndarray:
     """The diameter of the circle of confusion of each pixel in pixels, float32 (H, W).
 
-    It is positive of what is nearer than the focused plane, and negative of what is beyond.
-    ``lens`` is by default the samples' own.
+    It is positive of what is nearer than the focused plane, and negative of what is beyond;
+    ``-inf`` of what a telecentric lens sees at infinity. ``lens`` is by default the samples' own.
+    Raises ``TypeError`` for other than samples and a lens, ``ValueError`` for a lens of another
+    camera.
     """
-    lens = (lens or samples.lens).plain()
+    require_samples(samples)
+    lens = samples.lens if lens is None else lens
+    require_fitting(samples.camera, lens)
     depth = depth_map(samples).astype(np.float64)
-    if isinstance(lens, TelecentricLens):
-        per_unit = float(lens.slope) * samples.camera.pixels_per_unit
-        return (2 * per_unit * (lens.focus_distance - depth)).astype(np.float32)
-    return (2 * Blur.of(lens, samples.camera).radius(1 / depth)).astype(np.float32)
+    return circle_diameter(lens, samples.camera, depth).astype(np.float32)
 
 
 def maps_of(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens
+from ..optics.telecentric import TelecentricLens, is_open
 from ..pictures.programs import FORMED
 
 RIGHT_UP_FORWARD = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -58,6 +58,4 @@ def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dic
 
 def attributes_of_formed(camera: Camera, lens: ThinLens | TelecentricLens) -> dict[str, Any]:
     """Those of a picture that was formed through its lens, which is told from a sharp one."""
-    plain = lens.plain()
-    opening = plain.aperture_radius if isinstance(plain, ThinLens) else plain.slope
-    return {**standard_attributes(camera, lens), FORMED: int(opening > 0)}
+    return {**standard_attributes(camera, lens), FORMED: int(is_open(lens))}

@@ -1,0 +1,147 @@
+"""``potmesil info``: what there is to focus on, and what a lens makes of it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from .._units import length_text
+from .options import add_lens, add_picture, add_scene, add_variant
+from .report import Report, about_picture, console
+from .taking import SCENE, probed, samples_of_file, scene_with_lens
+
+if TYPE_CHECKING:
+    from ..samples.point_samples import PointSamples
+
+INFO_EXAMPLES = """
+examples:
+  potmesil info scenes/figure11.xml
+  potmesil info kitchen.samples --f-number 2 --focus-on teapot --map circles.png
+  potmesil info blender.exr --f-number 2 --frame-width 36 --units m --focus-on center --json
+
+Of a scene a few samples a pixel are taken. The map shows in colour what is blurred: orange what is
+nearer than the focus, blue what is beyond, grey what is sharp; an .exr has the diameters in pixels.
+"""
+
+MOST_SURFACES = 40
+"""Surfaces that are listed, those of the largest area first."""
+
+
+def info_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil info``; returns the examples."""
+    add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
+    command.add_argument(
+        "--map", metavar="FILE", help="picture to write, .png, .jpg or .exr, of the circle of "
+        "confusion of each pixel",
+    )  # fmt: skip
+    add_variant(command)
+    add_lens(command)
+    add_picture(command)
+    return INFO_EXAMPLES
+
+
+def info(options: argparse.Namespace) -> None:
+    """``potmesil info``: what is seen, how far away it is, and how a lens blurs it."""
+    from .._files import require_writable
+    from .._image import PICTURES, write_picture
+    from ..samples.circles import circle_colors
+    from ..samples.maps import circle_map
+
+    if options.map is not None:
+        require_writable(options.map, PICTURES)
+    of_scene = options.scene.lower().endswith(SCENE)
+    if of_scene:
+        samples = probed(*scene_with_lens(options, {"f_number": math.inf}), options.spp)
+    else:
+        samples = samples_of_file(options.scene, options)
+    found = about(samples, of_scene)
+    if options.json:
+        Report(options).values(found)
+    else:
+        _print(options.scene, found)
+    if options.map is not None:
+        circles = circle_map(samples)
+        if options.map.lower().endswith(".exr"):
+            write_picture(circle_colors(circles), options.map, maps={"coc": circles})
+        else:
+            write_picture(circle_colors(circles), options.map)
+        Report(options).line(f"wrote {options.map}")
+
+
+def about(samples: PointSamples, of_scene: bool) -> dict[str, Any]:
+    """What there is to tell of samples, lengths in scene units, as JSON has it.
+
+    Samples of a scene were taken to look at it alone, so that their number says nothing.
+    """
+    from ..samples.circles import DepthRange, surface_depths
+
+    camera, depths = samples.camera, DepthRange.of(samples)
+    found: dict[str, Any] = {
+        "width": camera.crop_size[0],
+        "height": camera.crop_size[1],
+        "projection": camera.projection,
+        "nearest": depths.nearest,
+        "farthest": depths.farthest,
+        "has_sky": depths.has_sky,
+        **about_picture(samples, samples.lens),
+        "lens": samples.lens.to_dict(),
+    }
+    if camera.projection == "perspective":
+        found["x_fov"] = camera.x_fov
+    if not of_scene:
+        found |= {"samples": len(samples), "spp": samples.spp, "bytes": samples.nbytes}
+    found["surfaces"] = [one._asdict() for one in surface_depths(samples)]
+    return found
+
+
+def _print(source: str, found: dict[str, Any]) -> None:
+    """Print it for people."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    unit = found.get("millimeters_per_unit")
+
+    def length(value: float | None) -> str:
+        if value is None:
+            return "-"
+        if math.isinf(value):
+            return "infinity"
+        return f"{value:.4g}" if unit is None else length_text(value, unit)
+
+    facts = {"picture": f"{found['width']}x{found['height']} pixels, {found['projection']}"}
+    if "x_fov" in found:
+        facts["picture"] += f", {found['x_fov']:.4g} degrees across"
+    if "samples" in found:
+        facts["samples"] = (
+            f"{found['samples']:,}, {found['spp']} a pixel, {found['bytes'] / 1e6:,.0f} MB"
+        )
+    sky = ", and the sky" if found["has_sky"] else ""
+    facts["depth"] = f"{length(found['nearest'])} to {length(found['farthest'])}{sky}"
+    facts["lens"] = f"{_lens(found)}, focused at {length(found['focus_distance'])}"
+    facts["sharp"] = f"{length(found['sharp_from'])} to {length(found['sharp_to'])} (to a pixel)"
+    facts["circles"] = f"up to {found['largest_circle_pixels']:.3g} pixels in diameter"
+    printer = console()
+    printer.print(f"{source}")
+    for name, text in facts.items():
+        printer.print(f"  {name:<9}{text}", soft_wrap=True)
+    table = Table(box=SIMPLE)
+    for name in ("surface", "of the picture", "nearest", "median", "farthest", "circle (pixels)"):
+        table.add_column(name, justify="left" if name == "surface" else "right")
+    surfaces = found["surfaces"]
+    for one in surfaces[:MOST_SURFACES]:
+        depths = (length(one[name]) for name in ("nearest", "median", "farthest"))
+        circle = f"{one['circle']:.3g}"
+        table.add_row(one["name"], f"{100 * one['share']:.1f} %", *depths, circle)
+    printer.print(table)
+    if len(surfaces) > MOST_SURFACES:
+        printer.print(f"and {len(surfaces) - MOST_SURFACES} more, which --json has")
+
+
+def _lens(found: dict[str, Any]) -> str:
+    lens = found["lens"]
+    if "half_angle" in found:
+        return f"telecentric, {found['half_angle']:g} degrees"
+    if found["aperture_radius"] == 0:
+        return "a pinhole"
+    return f"{lens['focal_length']:.4g} mm, f/{found['f_number']:.3g}"
