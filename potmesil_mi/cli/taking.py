@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import shlex
 import warnings
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .given import (
@@ -200,6 +202,7 @@ class Opened:
             sampling=sampling,
             motion=motion or self.motion,
         )
+        samples = samples.replace(provenance={**samples.provenance, **_source(options)})
         if options.samples:
             try:
                 samples.save(options.samples)
@@ -211,6 +214,21 @@ class Opened:
         """Raise ``OSError`` if samples could not be kept."""
         for error in self.not_kept:
             raise error
+
+
+def _source(options: argparse.Namespace) -> dict[str, str]:
+    """What the options say of the scene that is sampled, for its provenance."""
+    from ..samples.provenance import file_name, shown
+
+    source = {"scene": file_name(options.scene)}
+    if options.define:
+        # Of files there are the names alone, as of the scene.
+        values = {key: file_name(value) if Path(value).is_absolute() else value
+                  for key, value in options.define}  # fmt: skip
+        source["define"] = shown(shlex.join(f"{key}={value}" for key, value in values.items()))
+    if getattr(options, "motion", None):
+        source["motion"] = file_name(options.motion)
+    return source
 
 
 def samples_of_file(

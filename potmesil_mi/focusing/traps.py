@@ -1,4 +1,4 @@
-"""Traps of a focus that would leave a user with a sharp picture and no word, as warnings."""
+"""Traps of a focus that would leave a user with a picture of the wrong kind and no word."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
 from ..samples.circles import DepthRange, advice
 from ..samples.point_samples import PointSamples
+from ..samples.provenance import is_wider
 from .memo import Memo
 
-PINHOLE = "pinhole"
 DEPTHS = "depths"
+"""The key of a memo for the depths of what is in sight."""
 
 
 def warn_of_traps(
@@ -22,12 +23,23 @@ def warn_of_traps(
     ``given`` is the lens, ``None`` for the samples' own. ``depth`` says for which of the callers
     the warning is, as ``stacklevel`` does.
     """
-    lens = samples.lens if given is None else given
+    lens = (samples.lens if given is None else given).plain()
     found = advice(memo.get(DEPTHS, lambda: DepthRange.of(samples)), lens, samples.camera)
     if given is None and not is_open(lens):
-        found[PINHOLE] = (
+        found["pinhole"] = (
             "lens: the samples were taken through a pinhole and none is given, so that everything "
             "is sharp; give one, such as samples.lens.replace(f_number=2.8, focus_distance=1.2)"
+        )
+    if is_wider(lens, samples.provenance):
+        opening = (
+            f"f_number={lens.f_number:.3g}"
+            if isinstance(lens, ThinLens)
+            else f"half_angle={lens.half_angle:.3g}"
+        )
+        found["wide"] = (
+            f"{opening}: is wider than the lens that the samples were taken for, so that what it "
+            "sees around near edges and beyond the border is missing; take them with that lens, or "
+            "with Sampling(min_f_number=...), --min-f-number"
         )
     for kind, text in found.items():
         if kind not in memo.warned_of:

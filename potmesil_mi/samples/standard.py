@@ -13,8 +13,7 @@ import numpy as np
 
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from ..optics.telecentric import TelecentricLens, is_open
-from ..pictures.programs import FORMED
+from ..optics.telecentric import TelecentricLens
 
 RIGHT_UP_FORWARD = np.diag([-1.0, 1.0, 1.0, 1.0])
 """The standard's axes of a camera, from those of Mitsuba's, whose x goes to the left."""
@@ -54,8 +53,3 @@ def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dic
     if math.isfinite(plain.f_number):
         found["aperture"] = plain.f_number
     return found
-
-
-def attributes_of_formed(camera: Camera, lens: ThinLens | TelecentricLens) -> dict[str, Any]:
-    """Those of a picture that was formed through its lens, which is told from a sharp one."""
-    return {**standard_attributes(camera, lens), FORMED: int(is_open(lens))}
