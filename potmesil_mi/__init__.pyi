@@ -2,6 +2,7 @@
 
 from . import evaluation
 from ._progress import progress
+from ._warnings import FocusWarning
 from .animation.animation import AnimatedFilter, Animation
 from .filters.base import Filter, apply_filters, parse_filter
 from .filters.defocus import Defocus
@@ -25,6 +26,8 @@ from .optics.lommel import Lommel
 from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
 from .optics.telecentric import TelecentricLens
+from .samples.choosing import focus_distance_at, focus_distance_of
+from .samples.maps import circle_map
 from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
@@ -46,6 +49,7 @@ __all__ = [
     "Fade",
     "Filter",
     "FocusSession",
+    "FocusWarning",
     "ImageAperture",
     "Key",
     "Layered",
@@ -67,8 +71,11 @@ __all__ = [
     "Window",
     "aperture_of",
     "apply_filters",
+    "circle_map",
     "evaluation",
     "focus",
+    "focus_distance_at",
+    "focus_distance_of",
     "motion_vectors",
     "parse_filter",
     "potmesil_sensor",

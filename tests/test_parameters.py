@@ -378,6 +378,13 @@ ROWS: dict[str, Callable[[Things], Row]] = {
             "squares": 1,
         },
     ),
+    "focus_distance_at": lambda it: Row(
+        pm.focus_distance_at, {"samples": SAMPLES, "x": 2.5, "y": 1.5}
+    ),
+    "focus_distance_of": lambda it: Row(
+        pm.focus_distance_of, {"samples": SAMPLES, "name": "center"}
+    ),
+    "circle_map": lambda it: Row(pm.circle_map, {"samples": SAMPLES, "lens": THIN}),
     "FocusSession": lambda it: Row(
         pm.FocusSession, {"samples": SAMPLES, "method": "layered", "max_bytes": 1 << 20}
     ),
@@ -691,6 +698,7 @@ OF_ALL_SPECS = ("member", "of_parameters", "parse")
 NO_ROWS = {
     "Aperture": "is a base class",
     "Filter": "is a base class",
+    "FocusWarning": "is a category of warnings",
     "Method": "is a base class",
     "PointSpreadFunction": "is a protocol",
     "DepthOfField": "is a result",

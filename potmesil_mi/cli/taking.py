@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._warnings import FocusWarning
 from .given import (
     chooses_focus,
     given_denoise,
@@ -92,6 +93,7 @@ def scene_with_lens(
         warnings.warn(
             "focus_distance: is not given, so that the lens is focused at infinity; "
             "--focus-distance, --focus-at X,Y or --focus-on NAME say where else",
+            FocusWarning,
             stacklevel=1,
         )
     return scene, potmesil_sensor(sensor, **lens)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import warnings
 
+from .._warnings import FocusWarning
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
 from ..samples.circles import DepthRange, advice
 from ..samples.point_samples import PointSamples
 from ..samples.provenance import is_wider
 from .memo import Memo
-
-DEPTHS = "depths"
-"""The key of a memo for the depths of what is in sight."""
 
 
 def warn_of_traps(
@@ -24,7 +22,8 @@ def warn_of_traps(
     the warning is, as ``stacklevel`` does.
     """
     lens = (samples.lens if given is None else given).plain()
-    found = advice(memo.get(DEPTHS, lambda: DepthRange.of(samples)), lens, samples.camera)
+    memo.depths = memo.depths or DepthRange.of(samples)
+    found = advice(memo.depths, lens, samples.camera)
     if given is None and not is_open(lens):
         found["pinhole"] = (
             "lens: the samples were taken through a pinhole and none is given, so that everything "
@@ -44,4 +43,4 @@ def warn_of_traps(
     for kind, text in found.items():
         if kind not in memo.warned_of:
             memo.warned_of.add(kind)
-            warnings.warn(text, stacklevel=depth + 1)
+            warnings.warn(text, FocusWarning, stacklevel=depth + 1)

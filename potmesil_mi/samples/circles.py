@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,11 +56,6 @@ class DepthRange:
         if len(z) == 0:
             return cls(None, None, not every)
         return cls(float(z.min()), float(z.max()), not every)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes."""
-        return sys.getsizeof(self)
 
     def ends(self) -> list[float]:
         """The nearest and the farthest depth, ``inf`` for the sky."""

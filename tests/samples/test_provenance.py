@@ -13,7 +13,7 @@ from potmesil_mi._image import write_picture
 from potmesil_mi._version import package_version
 from potmesil_mi.samples.formed import attributes_of_formed
 from potmesil_mi.samples.header import Header
-from potmesil_mi.samples.provenance import (
+from potmesil_mi.samples.provenance import widest_of, (
     LONGEST_TEXT,
     MOST_ENTRIES,
     as_provenance,
@@ -117,7 +117,8 @@ def test_samples_of_a_picture_name_its_files_and_the_program(tmp_path):
     write_picture(np.ones((14, 20, 3)), tmp_path / "a.exr", said, maps)
     np.save(tmp_path / "z.npy", maps["Z"])
     found = pm.PointSamples.from_image(tmp_path / "a.exr").provenance
-    assert found == {"version": package_version(), "picture": "a.exr", "program": "potmesil_mi"}
+    said = {"version": package_version(), "picture": "a.exr", "program": "potmesil_mi"}
+    assert found == {**said, **widest_of(samples.lens)}
     found = pm.PointSamples.from_image(tmp_path / "a.exr", tmp_path / "z.npy", depth_kind="z")
     assert found.provenance["depth"] == "z.npy"
     assert "program" not in found.provenance
