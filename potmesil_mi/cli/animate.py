@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,6 +21,7 @@ from .options import (
     add_scene,
     add_variant,
 )
+from .report import Report
 from .taking import SCENE, Opened, samples_of_file, set_variant
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ def animate(options: argparse.Namespace) -> None:
     from ..animation.movie import MOVIES, write_movie
     from ..samples.files import ENDINGS
 
+    report = Report(options)
     movies = [path for path in options.output if Path(path).suffix.lower() in MOVIES]
     files = FrameFiles([path for path in options.output if path not in movies])
     _check_movies(options, movies, files)
@@ -101,10 +102,7 @@ def animate(options: argparse.Namespace) -> None:
     sources = [options.scene, *([options.samples] if options.samples else [])]
     files.check(chosen, sources)
     if done:
-        print(
-            f"potmesil: {len(done)} of {len(chosen)} frames are there already and stay",
-            file=sys.stderr,
-        )
+        report.line(f"{len(done)} of {len(chosen)} frames are there already and stay")
         old = files.older_than(done, (options.scene, options.animation))
         if old:
             warnings.warn(
@@ -126,6 +124,7 @@ def animate(options: argparse.Namespace) -> None:
         _of_scene(options, animation, frames, files)
     for movie in movies:
         write_movie(movie, [files.of(frame)[0] for frame in chosen], animation.fps)
+    report.files([*options.output], f"{len(frames)} of {len(chosen)} frames were made")
 
 
 def _check_movies(options: argparse.Namespace, movies: list[str], files: FrameFiles) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._units import Length
 from .given import given_denoise, given_method, given_sampling, unit_of
 from .options import (
     add_denoise,
@@ -22,6 +23,9 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
+    f_number,
+    length,
+    millimeters,
 )
 from .report import Report, console
 from .taking import Opened, samples_of_file, scene_with_lens, set_variant
@@ -241,10 +245,15 @@ def against_thinlens(options: argparse.Namespace) -> None:
         denoise=given_denoise(options, integrator),
         method=method,
     )
+    written = list(comparison.write(options.output)) if options.output else []
+    if options.json:
+        numbers = {**comparison.numbers(), "written": list(map(str, written))}
+        Report(options).values(numbers)
+        return
     printer = console()
     printer.print(comparison.table())
     printer.print(comparison.summary())
-    for path in comparison.write(options.output) if options.output else ():
+    for path in written:
         print(path)
 
 
@@ -259,14 +268,18 @@ examples:
 
 def dof_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil dof``; returns the examples."""
-    command.add_argument("--focal-length", type=float, default=55.0, help="in mm (default 55)")
     command.add_argument(
-        "--f-number", type=float, nargs="+", default=[5.6, 11, 22], metavar="N",
+        "--focal-length", type=millimeters, default=55.0, help="in mm, or with a unit (default 55)"
+    )
+    command.add_argument(
+        "--f-number", type=f_number, nargs="+", default=[5.6, 11, 22], metavar="N",
         help="aperture numbers (default 5.6 11 22)",
     )  # fmt: skip
     command.add_argument(
-        "--focus-distance", type=float, nargs="+", default=[2000, 980, 550, 290], metavar="U",
-        help="focused distances in scene units; inf is allowed (default 2000 980 550 290)",
+        "--focus-distance", type=length, nargs="+", metavar="U",
+        default=[Length(mm, None) for mm in (2000, 980, 550, 290)],
+        help="focused distances in scene units, or with a unit, 1.2m; inf is allowed (default 2000 "
+        "980 550 290)",
     )  # fmt: skip
     command.add_argument(
         "--millimeters-per-unit", type=float, default=1.0, help="size of a scene unit (default 1)"
@@ -276,10 +289,39 @@ def dof_options(command: argparse.ArgumentParser) -> str:
 
 def dof(options: argparse.Namespace) -> None:
     """``potmesil dof``: a table of depths of field."""
+    from ..optics.lens import ThinLens
+
+    rows = []
+    for f_number in options.f_number:
+        for distance in options.focus_distance:
+            unit = options.millimeters_per_unit
+            lens = ThinLens(
+                options.focal_length,
+                f_number,
+                distance.in_units(unit),
+                millimeters_per_unit=unit,
+            )
+            near, far = lens.depth_of_field()
+            rows.append(
+                {
+                    "f_number": f_number,
+                    "focus_distance": lens.focus_distance,
+                    "far": far,
+                    "near": near,
+                    "depth_of_field": far - near,
+                    "lens_diameter_mm": lens.lens_diameter,
+                }
+            )
+    if options.json:
+        Report(options).values({"focal_length": options.focal_length, "rows": rows})
+    else:
+        _print_depths(options, rows)
+
+
+def _print_depths(options: argparse.Namespace, rows: Sequence[Mapping[str, float]]) -> None:
+    """Print depths of field as a table, as the paper's is."""
     from rich.box import SIMPLE
     from rich.table import Table
-
-    from ..optics.lens import ThinLens
 
     unit = "mm" if options.millimeters_per_unit == 1 else "units"
     digits = 0 if unit == "mm" else 3
@@ -287,26 +329,21 @@ def dof(options: argparse.Namespace) -> None:
     for heading in ("Aperture", "Focused distance", "U+", "U-", "Depth of field"):
         table.add_column(heading if heading == "Aperture" else f"{heading}\n({unit})")
         table.columns[-1].justify = "right"
-    diameters = []
-    for f_number in options.f_number:
-        for distance in options.focus_distance:
-            lens = ThinLens(
-                options.focal_length,
-                f_number,
-                distance,
-                millimeters_per_unit=options.millimeters_per_unit,
-            )
-            near, far = (round(limit, digits) if math.isfinite(limit) else limit
-                         for limit in lens.depth_of_field())  # fmt: skip
-            table.add_row(
-                f"f/{f_number:g}",
-                f"{distance:g}",
-                *(f"{value:.{digits}f}" for value in (far, near, far - near)),
-            )
-        diameters.append(f"{lens.lens_diameter:.2f} mm at f/{f_number:g}")
+    for row in rows:
+        near, far = (
+            round(limit, digits) if math.isfinite(limit) else limit
+            for limit in (row["near"], row["far"])
+        )
+        table.add_row(
+            f"f/{row['f_number']:g}",
+            f"{row['focus_distance']:g}",
+            *(f"{value:.{digits}f}" for value in (far, near, far - near)),
+        )
     printer = console()
     printer.print(table)
-    printer.print(f"Lens diameter is {', '.join(diameters)}")
+    diameters = {row["f_number"]: row["lens_diameter_mm"] for row in rows}
+    texts = (f"{diameter:.2f} mm at f/{f_number:g}" for f_number, diameter in diameters.items())
+    printer.print(f"Lens diameter is {', '.join(texts)}")
 
 
 # ---------------------------------------------------------------- output

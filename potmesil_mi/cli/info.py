@@ -117,8 +117,12 @@ def _print(source: str, found: dict[str, Any]) -> None:
             f"{found['samples']:,}, {found['spp']} a pixel, {found['bytes'] / 1e6:,.0f} MB"
         )
     sky = ", and the sky" if found["has_sky"] else ""
+    if unit is not None:
+        facts["unit"] = f"a scene unit is {unit:g} mm (--units says otherwise)"
     facts["depth"] = f"{length(found['nearest'])} to {length(found['farthest'])}{sky}"
-    facts["lens"] = f"{_lens(found)}, focused at {length(found['focus_distance'])}"
+    facts["lens"] = _lens(found)
+    if found["largest_circle_pixels"] > 0:
+        facts["lens"] += f", focused at {length(found['focus_distance'])}"
     facts["sharp"] = f"{length(found['sharp_from'])} to {length(found['sharp_to'])} (to a pixel)"
     facts["circles"] = f"up to {found['largest_circle_pixels']:.3g} pixels in diameter"
     printer = console()
@@ -131,7 +135,7 @@ def _print(source: str, found: dict[str, Any]) -> None:
     surfaces = found["surfaces"]
     for one in surfaces[:MOST_SURFACES]:
         depths = (length(one[name]) for name in ("nearest", "median", "farthest"))
-        circle = f"{one['circle']:.3g}"
+        circle = f"{one['circle'] + 0.0:.3g}"  # no -0
         table.add_row(one["name"], f"{100 * one['share']:.1f} %", *depths, circle)
     printer.print(table)
     if len(surfaces) > MOST_SURFACES:

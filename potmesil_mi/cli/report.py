@@ -33,21 +33,15 @@ class Report:
         self._json = bool(getattr(options, "json", False))
         self._began = time.perf_counter()
 
-    def written(
-        self, paths: Sequence[str | Path], samples: PointSamples, lens: Any = None, what: str = ""
-    ) -> None:
-        """Say which files were written of samples, through which lens (default: their own).
-
-        ``what`` is said in the place of the names, if they are many.
-        """
-        lens = samples.lens if lens is None else lens
-        found = about_picture(samples, lens)
+    def written(self, paths: Sequence[str | Path], samples: PointSamples) -> None:
+        """Say which pictures of samples were written, and how their lens blurs them."""
+        found = about_picture(samples, samples.lens)
         seconds = time.perf_counter() - self._began
         if self._json:
             files = [str(path) for path in paths]
             self.values({"written": files, **found, "seconds": round(seconds, 3)})
             return
-        names = what or ", ".join(map(str, paths))
+        names = ", ".join(map(str, paths))
         width, height = samples.camera.crop_size
         self.line(f"wrote {names}: {width}x{height}, {sentence(found)}; {seconds:.1f} s")
         if self._verbose:
@@ -55,6 +49,15 @@ class Report:
                 f"{len(samples):,} samples, {samples.spp} a pixel, {samples.nbytes / 1e6:,.0f} MB; "
                 f"{peak_memory() / 1e9:.2f} GB of memory at most"
             )
+
+    def files(self, paths: Sequence[str | Path], what: str) -> None:
+        """Say which files were written, and of ``what`` they are."""
+        seconds = time.perf_counter() - self._began
+        if self._json:
+            names = [str(path) for path in paths]
+            self.values({"written": names, "made": what, "seconds": round(seconds, 3)})
+        else:
+            self.line(f"wrote {', '.join(map(str, paths))}: {what}; {seconds:.1f} s")
 
     def line(self, text: str) -> None:
         """Say a line, unless the command is to be quiet."""

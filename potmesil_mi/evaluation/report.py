@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -61,6 +61,20 @@ class Rendering:
         return metrics.decibels(self.mean_square)
 
 
+def _numbers(record: Any) -> Any:
+    """A record without its arrays and its lens, as JSON has it."""
+    if isinstance(record, tuple):
+        return list(record)
+    if not dataclasses.is_dataclass(record):
+        return record
+    fields = ((field.name, getattr(record, field.name)) for field in dataclasses.fields(record))
+    return {
+        name: _numbers(value)
+        for name, value in fields
+        if not isinstance(value, (np.ndarray, ThinLens))
+    }
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Comparison:
     """What :func:`compare` found out.
@@ -110,6 +124,15 @@ class Comparison:
     floor: float
     lens: ThinLens
     method: str
+
+    def numbers(self) -> dict[str, Any]:
+        """What was measured, by the names of the fields: without the pictures, as JSON has it."""
+        return {
+            **_numbers(self),
+            "lens": self.lens.to_dict(),
+            "refocus_speedup": self.refocus_speedup,
+            "first_speedup": self.first_speedup,
+        }
 
     @property
     def refocus_speedup(self) -> float:

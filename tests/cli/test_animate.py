@@ -153,8 +153,8 @@ def test_frames_older_than_what_they_were_made_of_are_told_and_made_anew_if_aske
         (["-D", "res=3"], "define="),
         (["--shard", "4/3"], "shard='4/3'"),
         (["--frames", "9"], "frames='9': must be among 0-3"),
-        (["--f-number", "-1"], "f_number=-1"),
-        (["--method", "fast"], "method='fast'"),
+        (["--f-number", "-1"], "--f-number=-1"),
+        (["--method", "fast"], "--method='fast'"),
     ],
 )
 def test_what_does_not_fit_is_named_before_the_first_frame(

@@ -55,7 +55,12 @@ def test_the_focus_that_an_orthographic_scene_states_need_not_be_told(scene, tmp
     ("command", "sensor", "options", "message"),
     [
         ("render", "orthographic", [], "--half-angle and --focus-distance"),
-        ("render", "perspective", ["--half-angle", "5"], "half_angle=5.0: is for an orthographic"),
+        (
+            "render",
+            "perspective",
+            ["--half-angle", "5"],
+            "--half-angle=5.0: is for an orthographic",
+        ),
         (
             "compare",
             "orthographic",
