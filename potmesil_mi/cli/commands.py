@@ -292,19 +292,19 @@ def dof(options: argparse.Namespace) -> None:
     from ..optics.lens import ThinLens
 
     rows = []
-    for f_number in options.f_number:
+    unit = options.millimeters_per_unit
+    for number in options.f_number:
         for distance in options.focus_distance:
-            unit = options.millimeters_per_unit
             lens = ThinLens(
                 options.focal_length,
-                f_number,
+                number,
                 distance.in_units(unit),
                 millimeters_per_unit=unit,
             )
             near, far = lens.depth_of_field()
             rows.append(
                 {
-                    "f_number": f_number,
+                    "f_number": number,
                     "focus_distance": lens.focus_distance,
                     "far": far,
                     "near": near,
@@ -342,7 +342,7 @@ def _print_depths(options: argparse.Namespace, rows: Sequence[Mapping[str, float
     printer = console()
     printer.print(table)
     diameters = {row["f_number"]: row["lens_diameter_mm"] for row in rows}
-    texts = (f"{diameter:.2f} mm at f/{f_number:g}" for f_number, diameter in diameters.items())
+    texts = (f"{diameter:.2f} mm at f/{number:g}" for number, diameter in diameters.items())
     printer.print(f"Lens diameter is {', '.join(texts)}")
 
 

@@ -36,25 +36,31 @@ def given_lens(
 
     These are of ``millimeters_per_unit`` unless the options say it; ``None``: nothing does.
     """
-    lens = _given(options, LENS_OPTIONS)
-    if options.units is not None:
-        if "millimeters_per_unit" in lens:
-            raise ValueError(
-                f"units={options.units}: must not be given beside millimeters_per_unit="
-                f"{lens['millimeters_per_unit']:g}"
-            )
-        lens["millimeters_per_unit"] = MILLIMETERS[options.units]
+    lens, stated = _given(options, LENS_OPTIONS), stated_unit(options)
+    if stated is not None:
+        lens["millimeters_per_unit"] = millimeters_per_unit = stated
     if chooses_focus(options) and "focus_distance" in lens:
         raise ValueError(
             "focus_distance: must not be given beside focus_at or focus_on, which choose it"
         )
-    return _in_units(lens, lens.get("millimeters_per_unit", millimeters_per_unit))
+    return _in_units(lens, millimeters_per_unit)
+
+
+def stated_unit(options: argparse.Namespace) -> float | None:
+    """Millimetres in a scene unit, where the options say it. Raises ``ValueError`` for both."""
+    stated: float | None = options.millimeters_per_unit
+    if options.units is None:
+        return stated
+    if stated is not None:
+        raise ValueError(
+            f"units={options.units}: must not be given beside millimeters_per_unit={stated:g}"
+        )
+    return MILLIMETERS[options.units]
 
 
 def given_picture(options: argparse.Namespace) -> dict[str, Any]:
     """Parameters of ``PointSamples.from_image`` that the options give."""
-    unit = given_lens(options).get("millimeters_per_unit")
-    return _in_units(_given(options, PICTURE_OPTIONS), unit)
+    return _in_units(_given(options, PICTURE_OPTIONS), stated_unit(options))
 
 
 def _in_units(values: Mapping[str, Any], millimeters_per_unit: float | None) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def test_the_focus_that_an_orthographic_scene_states_need_not_be_told(scene, tmp
             "render",
             "perspective",
             ["--half-angle", "5"],
-            "--half-angle=5.0: is for an orthographic",
+            "--half-angle=5.0: is for an ortho",
         ),
         (
             "compare",

@@ -13,12 +13,13 @@ from potmesil_mi._image import write_picture
 from potmesil_mi._version import package_version
 from potmesil_mi.samples.formed import attributes_of_formed
 from potmesil_mi.samples.header import Header
-from potmesil_mi.samples.provenance import widest_of, (
+from potmesil_mi.samples.provenance import (
     LONGEST_TEXT,
     MOST_ENTRIES,
     as_provenance,
     checked_provenance,
     file_name,
+    widest_of,
 )
 from scenes import synthetic
 
