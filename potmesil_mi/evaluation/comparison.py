@@ -112,8 +112,7 @@ def compare(
     nested = nested_of(integrator)
     sensor = _comparable(sensor)
     if sampling is None:
-        own = integrator if isinstance(integrator, WrappingIntegrator) else None
-        sampling = Sampling() if own is None else own.sampling
+        sampling = integrator.sampling if isinstance(integrator, WrappingIntegrator) else Sampling()
     sampling = dataclasses.replace(sampling, features=sampling.features or denoise)
     spp = sample_count(sensor.sampler(), spp)
     renderer = ThinlensRenderer(scene, nested, sensor, seed, denoise)
