@@ -9,10 +9,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .given import given_method
+from .given import given_form, given_method
 from .options import (
     SAMPLING_OPTIONS,
     add_denoise,
+    add_form,
     add_lens,
     add_method,
     add_picture,
@@ -62,10 +63,11 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     command.add_argument("animation", metavar="ANIMATION.toml", help="what changes, see below")
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
-        help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg), with the number of the "
-        "frame in the braces; may be given several times. And a movie of them, such as pull.mp4, "
-        "which needs pip install 'potmesil_mi[movie]'",
+        help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg, .tif), with the number "
+        "of the frame in the braces; may be given several times. And a movie of them, such as "
+        "pull.mp4, which needs pip install 'potmesil_mi[movie]'",
     )  # fmt: skip
+    add_form(command)
     command.add_argument("--frames", metavar="10-20", help="which frames (default: all)")
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the frames, for several machines"
@@ -93,7 +95,9 @@ def animate(options: argparse.Namespace) -> None:
 
     report = Report(options)
     movies = [path for path in options.output if Path(path).suffix.lower() in MOVIES]
-    files = FrameFiles([path for path in options.output if path not in movies])
+    files = FrameFiles(
+        [path for path in options.output if path not in movies], **given_form(options)
+    )
     _check_movies(options, movies, files)
     animation = Animation.load(options.animation)
     chosen = chosen_frames(animation.frames, options.frames, options.shard)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._units import Length
-from .given import given_denoise, given_method, given_sampling, unit_of
+from .given import given_denoise, given_form, given_method, given_sampling, unit_of
 from .options import (
     add_denoise,
     add_filter,
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
     import numpy as np
 
+    from .._image import PictureForm
     from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
 
@@ -75,8 +76,8 @@ def render(options: argparse.Namespace) -> None:
     from ..samples.formed import attributes_of_formed
     from ..samples.maps import maps_of
 
-    report = Report(options)
-    _check_outputs(options.output, options.samples, options.maps)
+    report, form = Report(options), given_form(options)
+    _check_outputs(options.output, form, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
     samples = opened.sampled(options, opened.sampling)
@@ -88,7 +89,7 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
-    _write(picture, attributes_of_formed(samples, opened.method), options.output, maps)
+    _write(picture, attributes_of_formed(samples, opened.method), options.output, maps, form)
     kept = [options.samples] if options.samples and not opened.not_kept else []
     report.written([*options.output, *kept], samples)
     opened.require_kept()
@@ -132,8 +133,8 @@ def refocus(options: argparse.Namespace) -> None:
 
     from ..filters.base import as_filters
 
-    report = Report(options)
-    _check_outputs(options.output, maps=options.maps)
+    report, form = Report(options), given_form(options)
+    _check_outputs(options.output, form, maps=options.maps)
     for source in (options.samples, options.depth):
         if source:
             _require_apart(source, options.output)
@@ -159,7 +160,7 @@ def refocus(options: argparse.Namespace) -> None:
     # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
     alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
     picture = focus(samples, method=method, filters=filters, alpha=alpha)
-    _write(picture, attributes_of_formed(samples, method), options.output, maps)
+    _write(picture, attributes_of_formed(samples, method), options.output, maps, form)
     report.written(options.output, samples)
 
 
@@ -350,17 +351,21 @@ def _print_depths(options: argparse.Namespace, rows: Sequence[Mapping[str, float
 
 
 def _check_outputs(
-    pictures: Sequence[str], samples: str | None = None, maps: Sequence[MapName] = ()
+    pictures: Sequence[str],
+    form: PictureForm,
+    samples: str | None = None,
+    maps: Sequence[MapName] = (),
 ) -> None:
     """Find out before a long rendering that its result cannot be written."""
     from .._files import require_writable
-    from .._image import PICTURES
+    from .._image import PICTURES, require_format
 
     if maps and not any(path.lower().endswith(".exr") for path in pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
     for path in pictures:
         require_writable(path, PICTURES)
+    require_format(pictures, **form)
     if samples:
         from ..samples.files import ENDINGS
 
@@ -378,9 +383,10 @@ def _write(
     said: Mapping[str, Any],
     paths: Sequence[str],
     maps: Mapping[str, np.ndarray],
+    form: PictureForm,
 ) -> None:
-    """Write a picture with what is ``said`` of it, and with maps beside it."""
+    """Write a picture in a ``form``, with what is ``said`` of it, and with maps beside it."""
     from .._image import write_picture
 
     for path in paths:
-        write_picture(picture, path, said, maps)
+        write_picture(picture, path, said, maps, **form)

@@ -15,6 +15,7 @@ from .options import LENS_OPTIONS, METHOD_OPTIONS, PICTURE_OPTIONS, SAMPLING_OPT
 if TYPE_CHECKING:
     import mitsuba as mi
 
+    from .._image import PictureForm
     from ..focusing.methods import Method
     from ..motion.motion import Motion
     from ..samples.point_samples import PointSamples
@@ -56,6 +57,13 @@ def stated_unit(options: argparse.Namespace) -> float | None:
             f"units={options.units}: must not be given beside millimeters_per_unit={stated:g}"
         )
     return MILLIMETERS[options.units]
+
+
+def given_form(options: argparse.Namespace) -> PictureForm:
+    """How the options say that the numbers of pictures are kept."""
+    from .._image import PictureForm
+
+    return PictureForm(**_given(options, PictureForm.__annotations__))  # type: ignore[typeddict-item]
 
 
 def given_picture(options: argparse.Namespace) -> dict[str, Any]:

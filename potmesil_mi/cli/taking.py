@@ -204,7 +204,7 @@ class Opened:
             sampling=sampling,
             motion=motion or self.motion,
         )
-        samples = samples.replace(provenance={**samples.provenance, **_source(options)})
+        samples = samples.replace(provenance={**samples.provenance, **source_of(options)})
         if options.samples:
             try:
                 samples.save(options.samples)
@@ -218,7 +218,7 @@ class Opened:
             raise error
 
 
-def _source(options: argparse.Namespace) -> dict[str, str]:
+def source_of(options: argparse.Namespace) -> dict[str, str]:
     """What the options say of the scene that is sampled, for its provenance."""
     from ..samples.provenance import file_name, shown
 

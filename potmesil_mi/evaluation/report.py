@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,6 +105,7 @@ class Comparison:
     ``reference_spp``             its samples a pixel
     ``floor``                     PSNR in dB of the reference's own noise
     ``lens``, ``method``          what was focused, and how
+    ``said``                      what is said of each picture in its files, by its name
     ============================  ==========================================================
     """
 
@@ -124,6 +126,7 @@ class Comparison:
     floor: float
     lens: ThinLens
     method: str
+    said: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     def numbers(self) -> dict[str, Any]:
         """What was measured, by the names of the fields: without the pictures, as JSON has it."""
@@ -242,7 +245,7 @@ class Comparison:
         }
         paths = output_paths(output)
         for path, name in paths.items():
-            write_picture(pictures[name], path)
+            write_picture(pictures[name], path, self.said.get(name))
         return list(paths)
 
 
