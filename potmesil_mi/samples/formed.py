@@ -56,18 +56,9 @@ def attributes_through(
         name, width = "f_number", plain.f_number
     else:
         name, width = "half_angle", plain.half_angle
-    provenance = samples.provenance
-    said: dict[str, Any] = {
-        "focus_distance": plain.focus_distance,
-        name: width,
-        "method": str(method),
-        "sample_count": len(samples),
-        **{name: provenance[name] for name in ALONE if name in provenance},
-    }
-    if provenance:
-        said["provenance"] = json.dumps(dict(provenance))
+    said = {"focus_distance": plain.focus_distance, name: width, "method": str(method), **more}
     return {
-        **standard_attributes(samples.camera, lens),
+        **standard_attributes(camera, lens),
         FORMED: int(is_open(lens)),
         "Software": f"potmesil_mi {package_version()}",
         "ImageDescription": _line(said, source),
