@@ -179,7 +179,8 @@ def _errors_of(command: CommandParser, options: argparse.Namespace) -> Iterator[
     except (ValueError, TypeError) as error:
         found = re.match(r"(\w+)(?=[=:])", str(error))
         option = command.option_of(found[1]) if found else None
-        if found is None or option is None or getattr(options, found[1], None) in (None, [], False):
+        given = getattr(options, found[1], None) if found else None
+        if found is None or option is None or given is None or given is False or given == []:
             raise
         raise type(error)(f"{option}{str(error)[found.end() :]}") from error
 

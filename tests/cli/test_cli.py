@@ -15,7 +15,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi import cli
 from potmesil_mi._image import write_picture
-from potmesil_mi.cli import options, taking
+from potmesil_mi.cli import given, options, taking
 from potmesil_mi.focusing import api
 from potmesil_mi.focusing.methods import Method
 from potmesil_mi.tracing import hidden_surface
@@ -95,7 +95,7 @@ def test_pictures_have_the_bits_and_the_quality_that_are_asked_for(tmp_path, cap
         assert cli.main(["focus", str(samples), "-o", str(tmp_path / name), *form]) == 0
         assert str(oiio.ImageInput.open(str(tmp_path / name)).spec().format) == kind
     for form, problem in (
-        (["--bit-depth", "float"], "bit_depth='float': must be one of 8, 16"),
+        (["--bit-depth", "float"], "--bit-depth='float': must be one of 8, 16"),
         (["--quality", "30"], "quality=30: must be left out"),
     ):
         capsys.readouterr()
@@ -433,7 +433,7 @@ def test_every_option_of_the_method_is_one_of_focus():
 def given_method(*arguments, said=None):
     parser = argparse.ArgumentParser()
     options.add_method(parser)
-    return options.given_method(parser.parse_args(arguments), said)
+    return given.given_method(parser.parse_args(arguments), said)
 
 
 def test_a_method_is_a_text_with_parameters_or_one_s_own():
