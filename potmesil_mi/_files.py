@@ -11,6 +11,8 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from ._validation import shown
+
 TEMPORARY = ".{stem}.{process}{suffix}"
 """Name of a file until it is whole: that of the process stands in it."""
 
@@ -74,11 +76,11 @@ def require_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     Raises ``TypeError`` for what is no path, ``ValueError`` for a name that no file can have.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise TypeError(f"{name}={path!r}: must be the name of a file")
+        raise TypeError(f"{name}={shown(path)}: must be the name of a file")
     if "\0" in os.fspath(path):
         raise ValueError(f"{os.fspath(path)!r}: is not the name of a file: it has a zero in it")
     if not os.fspath(path):
-        raise ValueError(f"{name}={path!r}: must be the name of a file")
+        raise ValueError(f"{name}={shown(path)}: must be the name of a file")
     return Path(path)
 
 

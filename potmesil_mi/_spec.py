@@ -21,6 +21,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from ._validation import shown
+
 S = TypeVar("S", bound="Spec")
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
@@ -54,7 +56,7 @@ class Spec:
             return
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise ValueError(
-                f"name={name!r}: must be a word of letters, digits, - and _, to name the "
+                f"name={shown(name)}: must be a word of letters, digits, - and _, to name the "
                 f"{cls._family} {cls.__qualname__}"
             )
         known = cls._registered.get(name)
@@ -81,8 +83,8 @@ class Spec:
         known = ", ".join(cls.members())
         before = "before the file is loaded" if from_file else "first"
         raise ValueError(
-            f"{cls._family}={name!r}: must be one of {known}; a class of your own with this name "
-            f"must be defined, or its module imported, {before}"
+            f"{cls._family}={shown(name)}: must be one of {known}; a class of your own with this "
+            f"name must be defined, or its module imported, {before}"
         )
 
     @classmethod
@@ -99,7 +101,7 @@ class Spec:
             return described
         if not isinstance(described, str):
             raise TypeError(
-                f"{cls._family}={described!r}: must be one of "
+                f"{cls._family}={shown(described)}: must be one of "
                 f"{', '.join(kind.__name__ + '()' for kind in cls.members().values())}, or text "
                 f"such as {next(iter(cls.members()), 'name')}"
             )
@@ -153,7 +155,7 @@ class Spec:
             if field.name in told and not (usual and (default is None or not defaults)):
                 values[field.name] = value
             elif field.name not in told and not usual:
-                raise ValueError(f"{field.name}={value!r}: cannot be told in a text")
+                raise ValueError(f"{field.name}={shown(value)}: cannot be told in a text")
         text = written(kind.name, values)
         _require_told(text, values)
         return text
@@ -183,7 +185,7 @@ def read(text: str, what: str) -> tuple[str, dict[str, Any]]:
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if not name or not key or not equals or not value or key in parameters:
             raise ValueError(
-                f"{what}={text!r}: must be a name, or name:parameter=value,parameter=value"
+                f"{what}={shown(text)}: must be a name, or name:parameter=value,parameter=value"
             )
         parameters[key] = _value(value)
     return name.strip(), parameters
@@ -206,7 +208,7 @@ def _require_told(text: str, values: Mapping[str, Any]) -> None:
         single = value[0] if isinstance(value, tuple) and len(value) == 1 else value
         if key not in told or told[key] not in (value, single):
             raise ValueError(
-                f"{key}={value!r}: cannot be told in a text; must be a number, true or false, "
+                f"{key}={shown(value)}: cannot be told in a text; must be a number, true or false, "
                 "several numbers, or a text without commas"
             )
 

@@ -2,8 +2,9 @@
 
 A row of ``ROWS`` is a call that succeeds. Each of its parameters in turn takes every value of
 ``WRONG``: then the call either succeeds, and nothing in its result is NaN, or it raises an error
-that names the parameter. A callable without a row, and a parameter that its row does not have,
-fails.
+that names the parameter, shows the value and says what is allowed, in few words. A callable without
+a row, and a parameter that its row does not have, fails. So do the parameters of plugins, in a
+scene and where ``mi.traverse`` shows them.
 """
 
 from __future__ import annotations
@@ -66,6 +67,7 @@ WRONG = {
     "1e-320": 1e-320,
     "1e300": 1e300,
     "10**400": 10**400,
+    "10**5000": 10**5000,
     "1j": 1j,
     "array": np.ones((2, 3, 1)),
     "array of text": np.array(["text"]),
@@ -76,6 +78,47 @@ WRONG = {
     "of text": {"text": "text"},
 }
 
+SHAPES = r"shape \(|components"
+SHOWN = {
+    "None": "None|must be given",
+    "text": "text|'t'",
+    "empty text": "''",
+    "function": "<function a_f",
+    "class": "class .*Shown",
+    "[]": rf"\[\]|{SHAPES}",
+    "()": rf"\(\)|\[\]|{SHAPES}",
+    "{}": r"\{\}|must be given|must have",
+    "inf": "(?<!-)inf",
+    "0": r"(?<![\d.])0(\.0)?(?![\d.])",
+    "1e-320": r"1\.?\d*e-320|9\.99989e-321",
+    "1e300": r"1\.?\d*e\+?300",
+    "10**400": r"10{10,}\.\.\.0{10,}|10{18}|1e\+18",
+    "10**5000": "16610 bits",
+    "array": r"\[\[1|\[1|shape \(2, 3, 1\)|components|1\.0",
+    "array of text": "text",
+    "array of nan": rf"nan|{SHAPES}",
+    "too long": rf"1\.0|{SHAPES}",
+    "of None": "None",
+    "of nan": rf"nan|{SHAPES}",
+    "of text": "text|must be given",
+}
+"""How errors show a value of ``WRONG``, as regular expressions, where it is not by its ``repr``."""
+
+ALLOWED = r"\b(must|needs)\b|there is no such file|not a (parameter|field) of .*, which has"
+"""What every refusal says, as a regular expression: what would not have been refused."""
+
+SHOWN_BY_MITSUBA = {
+    "True": r"=1\.0",
+    "empty text": r"=\[\]",
+    "1e-320": r"=0\.0",
+    "1e300": "inf",
+    "10**400": r"9\.99\d*e\+17",
+}
+"""The same of what Mitsuba may have made of them: arrays, and numbers of 32 bits."""
+
+LONGEST = 400
+"""Characters of an error, without the names of files."""
+
 CALLED = {
     "filters": "filters?",
     "filter_2": "filter(_2)?",
@@ -85,7 +128,9 @@ CALLED = {
 filter, those of tables of what is unknown or missing in them."""
 
 OF_SCENES = {
-    name: value for name, value in WRONG.items() if type(value) in (bool, str, int, float)
+    name: value
+    for name, value in WRONG.items()
+    if type(value) in (bool, str, int, float) and name != "10**5000"
 } | {"10**400": 10**18}
 """What a scene can say of a plugin's parameter."""
 
@@ -662,6 +707,61 @@ PLUGIN_ROWS["focus"] = {
     }
 }
 
+SENSORS = {
+    "potmesil": {"type": "potmesil", "f_number": 2.0},
+    "potmesil_orthographic": {
+        "type": "potmesil_orthographic",
+        "half_angle": 2.0,
+        "focus_distance": 2.0,
+    },
+}
+CLIPPED_AND_SHUT = {
+    "near_clip": 0.5,
+    "far_clip": 50.0,
+    "shutter_open": 0.25,
+    "shutter_open_time": 0.5,
+}
+TRAVERSED: dict[str, dict[str, Any]] = {
+    "potmesil": {
+        **CLIPPED_AND_SHUT,
+        "focal_length": 35.0,
+        "f_number": 4.0,
+        "aperture_radius": 0.25,
+        "focus_distance": 3.0,
+        "frame_width": 24.0,
+        "x_fov": 30.0,
+        "millimeters_per_unit": 10.0,
+        "squeeze": 2.0,
+        "vignetting": 0.5,
+        "principal_point_offset_x": 0.125,
+        "principal_point_offset_y": -0.125,
+        "to_world": "a turn",
+    },
+    "potmesil_orthographic": {
+        **CLIPPED_AND_SHUT,
+        "half_angle": 4.0,
+        "focus_distance": 3.0,
+        "squeeze": 2.0,
+        "to_world": "a turn",
+    },
+    "point_samples": {},
+    "focus": {},
+}
+"""What ``mi.traverse`` shows of the plugins themselves, and a value that each may be set to."""
+
+SEVERAL = {"two": [1.0, 2.0], "no": []}
+"""Numbers of which a parameter is one."""
+
+TRANSFORMS = {
+    "nan": lambda: mi.Transform4f(np.full((4, 4), math.nan)),
+    "far away": lambda: mi.Transform4f().translate([math.inf, 0, 0]),
+    "flat": lambda: mi.Transform4f().scale([1, 1, 0]),
+    "a shear": lambda: mi.Transform4f(np.eye(4) + np.eye(4, k=1) * [1, 1, 0, 0]),
+    "two": lambda: mi.Transform4f().translate([mi.Float(1, 2), 0, 0]),
+    "a turn": lambda: mi.Transform4f().rotate([0, 1, 0], 30),
+}
+"""Wrong values of ``to_world``, and one that is right."""
+
 OF_MITSUBA = {"(nested)", "to_world", "film", "sampler", "srf", "..."}
 """Parameters of plugins that are objects, which Mitsuba checks."""
 
@@ -784,7 +884,43 @@ PATHS = {"path", "output", "filename", "aperture_image", "motion", "rgb", "depth
 """Parameters that may be files; errors of files name the file."""
 
 
-def fault_of(function, arguments, name, called) -> str | None:
+def how_shown(kind: str) -> str:
+    """The regular expression by which an error shows the value of ``WRONG`` of that kind."""
+    return SHOWN.get(kind) or re.escape(repr(WRONG[kind]))
+
+
+def how_shown_by_mitsuba(kind: str) -> str:
+    """The same of a value that Mitsuba has handed on."""
+    return (
+        f"{how_shown(kind)}|{SHOWN_BY_MITSUBA[kind]}"
+        if kind in SHOWN_BY_MITSUBA
+        else how_shown(kind)
+    )
+
+
+def fault_of_refusal(error, called, shown, file=None) -> str | None:
+    """What is wrong with an error, which must say what is ``called`` and what is ``shown`` so.
+
+    It may say the name of a ``file`` in place of the first. Of a parameter that is unknown no value
+    is shown.
+    """
+    message = str(error)
+    if not isinstance(error, REFUSALS) or isinstance(error, np.linalg.LinAlgError):
+        wrong = "raw"
+    elif not (is_named(called, message) or (file is not None and file in message)):
+        wrong = "unnamed"
+    elif not re.search(f"{shown}|not a parameter of", message):
+        wrong = "not shown"
+    elif not re.search(ALLOWED, message):
+        wrong = "without what is allowed"
+    elif len(message) > LONGEST:
+        wrong = "too long"
+    else:
+        return None
+    return f"{wrong} {type(error).__name__}: {message[:LONGEST]}"
+
+
+def fault_of(function, arguments, name, called, shown) -> str | None:
     """What is wrong with the outcome of a call, one of whose ``arguments`` is."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -793,12 +929,11 @@ def fault_of(function, arguments, name, called) -> str | None:
         except AssertionError:
             raise
         except Exception as error:
-            message = str(error)
-            if not isinstance(error, REFUSALS) or isinstance(error, np.linalg.LinAlgError):
-                return f"raw {type(error).__name__}: {message[:200]}"
-            file = name in PATHS and isinstance(arguments[name], str) and arguments[name] in message
-            if not (is_named(called, message) or file):
-                return f"unnamed {type(error).__name__}: {message[:200]}"
+            is_file = name in PATHS and isinstance(arguments[name], str)
+            file = arguments[name] if is_file else None
+            fault = fault_of_refusal(error, called, shown, file)
+            if fault is not None:
+                return fault
         else:
             if has_nan(result):
                 return "NaN in the result"
@@ -849,8 +984,8 @@ def test_wrong_values_are_refused_by_name(name, it, tmp_path, monkeypatch):
     given = {**row.arguments, **row.extra}
     valid = {name: value for name, value in given.items() if value is not ...}
     if row.refused:
-        fault = fault_of(row.function, valid, "film", "film")
-        assert fault is None
+        with pytest.raises(ValueError, match=rf"^{row.refused}\b"):
+            result_of(row.function, valid)
     else:
         result = result_of(row.function, valid)
         assert not has_nan(result)
@@ -859,7 +994,7 @@ def test_wrong_values_are_refused_by_name(name, it, tmp_path, monkeypatch):
         for kind, value in WRONG.items():
             arguments = {**valid, parameter: value}
             called = row.called.get(parameter, CALLED.get(parameter, parameter))
-            fault = fault_of(row.function, arguments, parameter, called)
+            fault = fault_of(row.function, arguments, parameter, called, how_shown(kind))
             if fault is not None and not (row.refused and is_named(row.refused, fault)):
                 faults.append(f"{parameter} = {kind}: {fault}")
     assert not faults, told(faults)
@@ -905,9 +1040,76 @@ def test_plugins_refuse_wrong_values_by_name(plugin, row, it, tmp_path, monkeypa
     faults = []
     for parameter in valid:
         for kind, value in OF_SCENES.items():
-            fault = fault_of(
-                loaded, {**valid, parameter: value}, parameter, CALLED.get(parameter, parameter)
-            )
+            arguments, called = {**valid, parameter: value}, CALLED.get(parameter, parameter)
+            fault = fault_of(loaded, arguments, parameter, called, how_shown_by_mitsuba(kind))
             if fault is not None:
                 faults.append(f"{parameter} = {kind}: {fault}")
     assert not faults, told(faults)
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+def test_every_parameter_that_mitsuba_traverses_has_a_row(plugin):
+    made = mi.load_dict(SENSORS.get(plugin) or {"type": plugin, "nested": {"type": "path"}})
+    assert {name for name, _ in mi.traverse(made) if "." not in name} == set(TRAVERSED[plugin])
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name"), [(plugin, name) for plugin, names in TRAVERSED.items() for name in names]
+)
+def test_a_refused_update_leaves_a_sensor_as_it_was(plugin, name):
+    """Mitsuba itself refuses to set some of the values."""
+    sensor = mi.load_dict(SENSORS[plugin])
+    parameters = mi.traverse(sensor)
+
+    def state():
+        shown = {name: str(parameters[name]) for name in TRAVERSED[plugin]}
+        return str(sensor), sensor.camera(), shown
+
+    valid = TRAVERSED[plugin][name]
+    if name == "to_world":
+        tried = [(made(), r"\d|nan") for kind, made in TRANSFORMS.items() if kind != valid]
+        valid = TRANSFORMS[valid]()
+    else:
+        tried = [(value, how_shown_by_mitsuba(kind)) for kind, value in OF_SCENES.items()]
+        tried += [(value, r"=\[(1, 2)?\]") for value in SEVERAL.values()]
+    faults = []
+    before = initial = state()
+    for value, shown in tried:
+        with contextlib.suppress(TypeError, RuntimeError):  # Mitsuba's.
+            parameters[name] = value
+        try:
+            parameters.update()
+        except Exception as error:
+            fault = fault_of_refusal(error, name, shown)
+            if fault is not None or state() != before:
+                faults.append(f"{value!r}: {fault or 'has changed the sensor'}")
+        else:
+            before = state()
+            if has_nan((sensor.camera(), sensor.lens())):
+                faults.append(f"{value!r}: NaN in the sensor")
+    parameters[name] = valid
+    parameters.update()
+    assert state() != initial
+    assert name == "to_world" or np.array(parameters[name]) == np.float32(valid)
+    assert not faults, told(faults)
+
+
+@pytest.mark.parametrize("plugin", SENSORS)
+def test_a_refused_update_leaves_the_rays(plugin):
+    sensor = mi.load_dict(SENSORS[plugin])
+    parameters = mi.traverse(sensor)
+
+    def ray():
+        made, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.25, 0.75), mi.Point2f(0))
+        return np.array([*made.o, *made.d, made.maxt])
+
+    before = ray()
+    parameters["focus_distance"] = 3.0
+    parameters["near_clip"] = -1.0
+    parameters["to_world"] = TRANSFORMS["a turn"]()
+    with pytest.raises(ValueError, match="near_clip=-1"):
+        parameters.update()
+    np.testing.assert_array_equal(ray(), before)
+    parameters["to_world"] = TRANSFORMS["a turn"]()
+    parameters.update()
+    assert (ray() != before).any()

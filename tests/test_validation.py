@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from potmesil_mi._validation import require_choice, require_flag, require_number, require_whole
+from potmesil_mi._validation import (
+    LONGEST_SHOWN,
+    require_choice,
+    require_flag,
+    require_number,
+    require_whole,
+    shown,
+)
 
 
 def test_a_choice_is_one_of_the_words():
@@ -19,7 +26,7 @@ def test_a_choice_is_one_of_the_words():
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 10**400, -(10**400)])
 def test_a_number_is_finite_whatever_its_type(value):
-    with pytest.raises(ValueError, match=f"^size={value}: must be finite"):
+    with pytest.raises(ValueError, match=r"^size=(-?inf|nan|-?10+\.\.\.0+): must be finite"):
         require_number("size", value)
 
 
@@ -41,3 +48,34 @@ def test_truth_is_no_number():
         require_number("size", True)
     with pytest.raises(TypeError, match=r"size=(np\.)?True"):
         require_whole("size", np.True_, 0, 1)
+
+
+class Unspeakable:
+    def __repr__(self):
+        raise RuntimeError("no text")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2.0, "2.0"),
+        (np.float32(0.5), "0.5"),
+        (np.array(7), "7"),
+        (np.ones((2, 1)), "array([[1.], [1.]])"),
+        ("a\nb", r"'a\nb'"),
+        pytest.param(10**5000, "an int of 16610 bits", id="int"),
+    ],
+)
+def test_a_value_is_shown_as_it_is_written(value, text):
+    assert shown(value) == text
+
+
+@pytest.mark.parametrize(
+    "value",
+    [10**400, "long" * 999, b"long" * 999, [["long" * 99] * 9] * 9, np.eye(99), Unspeakable()],
+    ids=["int", "text", "bytes", "lists", "array", "unspeakable"],
+)
+def test_whatever_is_shown_fits_on_a_line(value):
+    text = shown(value)
+    assert 5 < len(text) <= LONGEST_SHOWN
+    assert "\n" not in text

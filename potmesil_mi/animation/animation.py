@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
 from .._progress import ProgressCallback, progress, reported
-from .._validation import require_kind, require_number, require_whole
+from .._validation import require_kind, require_number, require_whole, shown
 from ..filters.base import Filter, FilterFunction, as_filters
 from ..focusing.session import FocusSession
 from ..motion.camera_move import CameraMove
@@ -122,7 +122,7 @@ class Animation(Moves):
     def __post_init__(self) -> None:
         require_number("fps", self.fps, LEAST_FPS, MOST_FPS)
         if not isinstance(self.frames, range) or self.frames.step != 1 or not self.frames:
-            raise ValueError(f"frames={self.frames!r}: must be a range of one frame at least")
+            raise ValueError(f"frames={shown(self.frames)}: must be a range of one frame at least")
         self._require_moves()
         require_kind("lens", self.lens, Mapping, "a mapping, of parameters to a Track each")
         for name, value in self.lens.items():
@@ -157,7 +157,7 @@ class Animation(Moves):
             raise ValueError("frames: must be given, a number of frames or [first, last]")
         filters = values.get("filters", [])
         if not isinstance(filters, list) or not all(isinstance(one, Mapping) for one in filters):
-            raise TypeError(f"filters={filters!r}: must be tables, [[filters]]")
+            raise TypeError(f"filters={shown(filters)}: must be tables, [[filters]]")
         animation = cls(
             _frames(values["frames"]),
             {name: _of_lens(name, value) for name, value in table_of(values, "lens").items()},
@@ -308,11 +308,11 @@ def frame_progress(
 def _frames(value: Any) -> range:
     if isinstance(value, list):
         if len(value) != 2:
-            raise ValueError(f"frames={value!r}: must be a number, or [first, last]")
+            raise ValueError(f"frames={shown(value)}: must be a number, or [first, last]")
         for i, one in enumerate(value):
             require_whole(f"frames[{i}]", one, 0, MOST_FRAMES)
         if value[0] > value[1]:
-            raise ValueError(f"frames={value!r}: the last must not come before the first")
+            raise ValueError(f"frames={shown(value)}: the last must not come before the first")
         return range(value[0], value[1] + 1)
     require_whole("frames", value, 1, MOST_FRAMES)
     return range(value)
@@ -335,7 +335,7 @@ def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:
     name = parameters.pop("name", None)
     with named(what):
         if not isinstance(name, str):
-            raise TypeError(f"name={name!r}: must be given, such as 'fade'")
+            raise TypeError(f"name={shown(name)}: must be given, such as 'fade'")
         Filter.member(name)
         return AnimatedFilter(
             name,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._files import require_writable
 from .._image import PICTURES, PictureForm, require_format, write_picture
+from .._validation import shown
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -34,11 +35,11 @@ def chosen_frames(every: range, frames: str | None = None, shard: str | None = N
             match = RANGE.fullmatch(part.strip())
             first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
             if first > last:
-                raise ValueError(f"frames={frames!r}: must be such as 10-20 or 3,10-20")
+                raise ValueError(f"frames={shown(frames)}: must be such as 10-20 or 3,10-20")
             if first not in every or last not in every:
                 raise ValueError(
-                    f"frames={frames!r}: must be among {every.start}-{every.stop - 1}, the frames "
-                    "of the animation"
+                    f"frames={shown(frames)}: must be among {every.start}-{every.stop - 1}, the "
+                    "frames of the animation"
                 )
             numbers.update(range(first, last + 1))
         chosen = sorted(numbers)
@@ -46,7 +47,7 @@ def chosen_frames(every: range, frames: str | None = None, shard: str | None = N
         match = SHARD.fullmatch(shard.strip())
         number, count = (int(match[1]), int(match[2])) if match else (0, 0)
         if not 1 <= number <= count:
-            raise ValueError(f"shard={shard!r}: must be such as 3/64, from 1/64 to 64/64")
+            raise ValueError(f"shard={shown(shard)}: must be such as 3/64, from 1/64 to 64/64")
         chosen = chosen[number - 1 :: count]
     return chosen
 
@@ -67,8 +68,8 @@ class FrameFiles:
         for pattern in patterns:
             if len(PLACE.findall(pattern)) != 1 or BRACE.search(PLACE.sub("", pattern)):
                 raise ValueError(
-                    f"output={pattern!r}: must have one place for the number of the frame, such as "
-                    "frame_{:04d}.exr"
+                    f"output={shown(pattern)}: must have one place for the number of the frame, "
+                    "such as frame_{:04d}.exr"
                 )
 
     def check(self, frames: Iterable[int], sources: Iterable[str]) -> None:

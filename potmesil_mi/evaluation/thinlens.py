@@ -8,7 +8,7 @@ import math
 import mitsuba as mi
 import numpy as np
 
-from .._validation import require_kind, require_whole
+from .._validation import require_kind, require_whole, shown
 from ..optics.disc import Disc
 from ..optics.lens import ThinLens
 from ..samples.denoising import require_extra
@@ -56,7 +56,8 @@ def thinlens_sensor(
         rounded = rounded_up(sampler, spp)
     except RuntimeError as error:
         raise ValueError(
-            f"sampler={sampler!r}: must be the name of a sampler, such as {SAMPLERS[0]} ({error})"
+            f"sampler={shown(sampler)}: must be the name of a sampler, such as {SAMPLERS[0]} "
+            f"({error})"
         ) from error
     camera = sensor.camera()
     plain = lens.aperture == Disc() and lens.squeeze == 1 and lens.vignetting == 0

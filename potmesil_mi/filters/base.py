@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._spec import Spec
-from .._validation import require_kind, require_number, require_numbers
+from .._validation import require_kind, require_number, require_numbers, shown
 from ..optics.lens import ThinLens
 
 FilterFunction = Callable[[np.ndarray, ThinLens, float], np.ndarray]
@@ -59,7 +59,7 @@ def as_filters(filters: Iterable[FilterFunction | str]) -> tuple[FilterFunction,
     Raises ``TypeError`` for what is neither, and for one alone, ``ValueError`` for a wrong text.
     """
     if isinstance(filters, str) or not isinstance(filters, Iterable):
-        raise TypeError(f"filters={filters!r}: must be a list, such as ['star:points=6']")
+        raise TypeError(f"filters={shown(filters)}: must be a list, such as ['star:points=6']")
     parsed = tuple(parse_filter(one) if isinstance(one, str) else one for one in filters)
     for one in parsed:
         if not callable(one) or isinstance(one, type):
@@ -97,7 +97,9 @@ def apply_filters(
     filters = as_filters(filters)
     image = np.array(require_numbers("picture", picture), dtype=np.float64)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or image.size == 0:
-        raise ValueError(f"picture: has shape {image.shape}, must be (height, width, 3 or 4)")
+        raise ValueError(
+            f"picture={shown(picture)}: has shape {image.shape}, must be (height, width, 3 or 4)"
+        )
     require_kind("lens", lens, ThinLens, "a ThinLens, such as samples.lens")
     if pixels_per_mm is None:
         pixels_per_mm = image.shape[1] / float(lens.frame_width)

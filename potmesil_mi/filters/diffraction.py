@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from .._threads import processors
-from .._validation import require_number, require_whole
+from .._validation import require_number, require_whole, shown
 from ..optics.lens import ThinLens
 from .base import Filter
 from .spread import light_above, three_numbers, with_light_moved
@@ -94,7 +94,9 @@ class Diffraction(Filter):
             )
         require_whole("samples", self.samples, 1, 64)
         if self.aperture is not None and not isinstance(self.aperture, Opening):
-            raise TypeError(f"aperture={self.aperture!r}: must have transmission(size), or be None")
+            raise TypeError(
+                f"aperture={shown(self.aperture)}: must have transmission(size), or be None"
+            )
 
     needs_focal_length: ClassVar[bool] = True
 

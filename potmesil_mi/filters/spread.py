@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._validation import require_number
+from .._validation import require_number, shown
 from ..optics.lens import ThinLens
 from ..optics.summed_area import summed_area
 
@@ -63,9 +63,9 @@ def three_numbers(
 ) -> tuple[float, float, float]:
     """Three numbers, each checked."""
     if not isinstance(values, (tuple, list, np.ndarray)):
-        raise TypeError(f"{name}={values!r}: must be three numbers")
+        raise TypeError(f"{name}={shown(values)}: must be three numbers")
     if len(values) != 3:
-        raise ValueError(f"{name}={values!r}: must be three numbers")
+        raise ValueError(f"{name}={shown(values)}: must be three numbers")
     for value in values:
         require_number(name, value, least, most)
     red, green, blue = (float(value) for value in values)

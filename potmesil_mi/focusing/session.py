@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import _backend as jit
 from .._memory import require_memory
-from .._validation import require_flag
+from .._validation import require_flag, shown
 from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
 from ..optics.arithmetic import is_drjit
@@ -76,7 +76,7 @@ class FocusSession:
     ) -> None:
         _require_samples(samples)
         if isinstance(max_bytes, bool) or not isinstance(max_bytes, (int, np.integer)):
-            raise TypeError(f"max_bytes={max_bytes!r}: must be a whole number of bytes >= 0")
+            raise TypeError(f"max_bytes={shown(max_bytes)}: must be a whole number of bytes >= 0")
         if max_bytes < 0:
             raise ValueError(f"max_bytes={max_bytes}: must be >= 0")
         self._samples = samples
@@ -151,10 +151,10 @@ def form_picture(
     lens, picture_of = _thin_lens(samples, given)
     psf = lens.aperture if psf is None else psf
     if not isinstance(psf, PointSpreadFunction):
-        raise TypeError(f"psf={psf!r}: must be a point-spread function, such as Disc()")
+        raise TypeError(f"psf={shown(psf)}: must be a point-spread function, such as Disc()")
     if rfilter is not None and not isinstance(rfilter, ReconstructionFilter):
         raise TypeError(
-            f"rfilter={rfilter!r}: must be a reconstruction filter, such as film.rfilter()"
+            f"rfilter={shown(rfilter)}: must be a reconstruction filter, such as film.rfilter()"
         )
     require_flag("alpha", alpha)
     filters = as_filters(filters)
@@ -222,9 +222,7 @@ def _thin_lens(
 
 def _require_samples(samples: Any) -> None:
     if not isinstance(samples, PointSamples):
-        raise TypeError(
-            f"samples={type(samples).__name__}: must be PointSamples, as render_samples gives"
-        )
+        raise TypeError(f"samples={shown(samples)}: must be PointSamples, as render_samples gives")
 
 
 def _require_hashable(psf: PointSpreadFunction) -> None:
@@ -243,7 +241,9 @@ def _plain(lens: Any) -> ThinLens | TelecentricLens:
     if isinstance(lens, TelecentricLens):
         return lens
     if not isinstance(lens, ThinLens):
-        raise TypeError(f"lens={lens!r}: must be a ThinLens, such as samples.lens.replace(...)")
+        raise TypeError(
+            f"lens={shown(lens)}: must be a ThinLens, such as samples.lens.replace(...)"
+        )
     for name, value in lens.parameters().items():
         if is_drjit(value) and dr.grad_enabled(value):
             raise NotImplementedError(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._validation import shown
 from ..filters.base import FilterFunction
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..optics.telecentric import ThinLensPicture
@@ -46,7 +47,7 @@ def changed(
 def require_usable(psf: PointSpreadFunction, filters: Sequence[FilterFunction]) -> None:
     """Raise ``ValueError`` for what asks for the focal length that a telecentric lens has not."""
     if aperture_behind(psf).diffracts:
-        raise ValueError(f"psf={psf!r}: must not diffract with a TelecentricLens")
+        raise ValueError(f"psf={shown(psf)}: must not diffract with a TelecentricLens")
     for each in filters:
         if getattr(each, "needs_focal_length", False):
             raise ValueError(

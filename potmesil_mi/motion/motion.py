@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._validation import require_kind, require_number
+from .._validation import require_kind, require_number, shown
 from ..optics.camera import Camera
 from .camera_move import CameraMove
 from .shape_move import ShapeMove
@@ -59,7 +59,9 @@ class Moves:
         transforms = {}
         for name, move in self.shapes.items():
             if name not in centres:
-                raise ValueError(f"centres: must have all of {', '.join(self.shapes)}")
+                raise ValueError(
+                    f"centres={shown(centres)}: must have all of {', '.join(self.shapes)}"
+                )
             with at_frame(frame, f": shapes.{name}"):
                 transforms[name] = move.at(frame, centres[name])
         return transforms

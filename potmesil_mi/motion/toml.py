@@ -7,7 +7,8 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from .._files import require_path
+from .._files import require_readable
+from .._validation import shown
 from .track import named
 
 T = TypeVar("T")
@@ -24,7 +25,7 @@ def read_toml(path: str | os.PathLike[str], made: Callable[[Mapping[str, Any]], 
     else:
         import tomli as tomllib
 
-    path = require_path(path)
+    path = require_readable(path)
     name = os.fspath(path)
     with path.open("rb") as file:
         try:
@@ -39,5 +40,5 @@ def table_of(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """The table of a name, empty where there is none. Raises ``TypeError`` for another value."""
     table = values.get(name, {})
     if not isinstance(table, Mapping):
-        raise TypeError(f"{name}={table!r}: must be a table")
+        raise TypeError(f"{name}={shown(table)}: must be a table")
     return table

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_kind, require_number
+from .._validation import require_choice, require_kind, require_number, shown
 
 Easing = Literal["linear", "ease", "ease_in", "ease_out", "hold"]
 """How a value goes from a key to the next."""
@@ -82,7 +82,7 @@ class Track:
         require_choice("scale", self.scale, SCALES)
         require_kind("keys", self.keys, (tuple, list), "a tuple of Key")
         if not self.keys:
-            raise ValueError("keys: there must be one at least")
+            raise ValueError(f"keys={shown(self.keys)}: there must be one at least")
         for i, key in enumerate(self.keys):
             require_kind(f"keys[{i}]", key, Key, "a Key")
             if i > 0 and not key.frame > self.keys[i - 1].frame:
@@ -110,7 +110,7 @@ class Track:
             )
         for i, key in enumerate(value):
             if not 2 <= len(key) <= 3:
-                raise TypeError(f"keys[{i}]={key!r}: must be [frame, value] or with an easing")
+                raise TypeError(f"keys[{i}]={shown(key)}: must be [frame, value] or with an easing")
         return cls(tuple(_key(i, *key) for i, key in enumerate(value)), scale)
 
     def at(self, frame: float) -> float:
@@ -150,8 +150,8 @@ class VectorTrack:
         Raises ``TypeError`` for anything else, and what :class:`Track` raises.
         """
         wrong = TypeError(
-            f"{value!r}: must be three numbers, or a list of keys such as [[0, [0, 1, 5]], [24, "
-            "[1, 1, 5], 'ease']]"
+            f"{shown(value)}: must be three numbers, or a list of keys such as [[0, [0, 1, 5]], "
+            "[24, [1, 1, 5], 'ease']]"
         )
         if not isinstance(value, list) or not value:
             raise wrong

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .._validation import shown
+
 
 def is_drjit(value: Any) -> bool:
     """Whether ``value`` is an array of Dr.Jit, which this does not import."""
@@ -37,19 +39,19 @@ def require_each(name: str, value: Any, allowed: str, test: Callable[[np.ndarray
     """
     values = np.empty(0, object) if isinstance(value, (list, tuple)) else on_host(value)
     if values.dtype.kind not in "fiu":
-        raise TypeError(f"{name}={value!r}: must be a number {allowed}")
+        raise TypeError(f"{name}={shown(value)}: must be a number {allowed}")
     passed = test(values)
     if not np.all(passed):
         values, passed = np.broadcast_arrays(values, passed)
-        shown = value if np.ndim(value) == 0 else values[~passed][0]
-        raise ValueError(f"{name}={shown}: must be {allowed}")
+        wrong = value if np.ndim(value) == 0 else values[~passed][0]
+        raise ValueError(f"{name}={shown(wrong)}: must be {allowed}")
 
 
 def single(name: str, value: Any) -> float:
     """``value``, of one element, as a plain number. Raises ``ValueError`` where it has several."""
     values = on_host(value)
     if values.size != 1:
-        raise ValueError(f"{name}: has shape {values.shape}, must be one number")
+        raise ValueError(f"{name}={shown(value)}: has shape {values.shape}, must be one number")
     return float(values.item())
 
 

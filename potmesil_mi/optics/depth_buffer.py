@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice
+from .._validation import require_choice, shown
 from .arithmetic import clamp_at_zero, is_drjit, on_host, reciprocal, require_each
 from .blur import radius_per_vergence
 from .camera import Camera
@@ -145,7 +145,7 @@ class DepthBuffer:
         require_choice("clip", self.clip, CLIPS)
         for name in ("floating", "reverse"):
             if not isinstance(getattr(self, name), bool):
-                raise TypeError(f"{name}={getattr(self, name)!r}: must be True or False")
+                raise TypeError(f"{name}={shown(getattr(self, name))}: must be True or False")
         if self.floating and self.bits != 32:
             raise ValueError(f"bits={self.bits}: must be 32 where floating=True")
 
@@ -226,7 +226,7 @@ class DepthBuffer:
 
 def _require_bits(bits: Any) -> None:
     if isinstance(bits, bool) or bits not in BITS:
-        raise ValueError(f"bits={bits!r}: must be {', '.join(map(str, BITS))}")
+        raise ValueError(f"bits={shown(bits)}: must be {', '.join(map(str, BITS))}")
 
 
 def _require_code(name: str, code: Any, most: int) -> None:

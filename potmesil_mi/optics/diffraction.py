@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import j0, j1
 
-from .._validation import require_whole
+from .._validation import require_whole, shown
 from .lens_protocol import LensProtocol
 from .lommel_series import each_once, lommel, pair_sums, wolf_sums
 
@@ -89,7 +89,7 @@ def optical_coordinates(
     lens without an opening (``f_number`` inf), and ``TypeError`` for what is no number.
     """
     if argument not in ARGUMENTS:
-        raise ValueError(f"argument={argument!r}: must be one of {', '.join(ARGUMENTS)}")
+        raise ValueError(f"argument={shown(argument)}: must be one of {', '.join(ARGUMENTS)}")
     depths = _numbers("depth", depth, "> 0 scene units", lambda x: x > 0)
     radius = _numbers("radius_mm", radius_mm, ">= 0 mm and finite", _not_negative)
     wavelength = _numbers(
@@ -283,7 +283,7 @@ def _numbers(name: str, value: Any, allowed: str, test: Callable[[Any], Any]) ->
     """``value`` as float64, all of whose elements pass ``test``."""
     values = np.asarray(value)
     if values.dtype.kind not in "fiu":
-        raise TypeError(f"{name}={value!r}: must be a number {allowed}")
+        raise TypeError(f"{name}={shown(value)}: must be a number {allowed}")
     values = values.astype(np.float64)
     _require(name, values, allowed, test(values))
     return values

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._image import read_luminance
 from .._spec import written
-from .._validation import require_numbers, require_whole
+from .._validation import require_numbers, require_whole, shown
 from .aperture import Aperture, points_of_map
 from .summed_area import interpolated, summed_area
 
@@ -55,7 +55,7 @@ class ImageAperture(Aperture):
         values = np.array(require_numbers("transmission_map", self.transmission_map), np.float64)
         if values.ndim != 2 or values.size == 0 or max(values.shape) > LARGEST_SIDE:
             raise ValueError(
-                f"transmission_map: has shape {values.shape}, "
+                f"transmission_map={shown(self.transmission_map)}: has shape {values.shape}, "
                 f"must be (H, W) of at most {LARGEST_SIDE}"
             )
         down, across = np.indices(values.shape) + 0.5
@@ -115,8 +115,8 @@ class ImageAperture(Aperture):
             raise ValueError(f"filename: must be given for the {cls._family} {cls.name}")
         if from_file:
             raise ValueError(
-                f"filename={parameters['filename']!r}: a file must not name another one as the "
-                f"{cls._family}; only width, height and data are allowed there"
+                f"filename={shown(parameters['filename'])}: a file must not name another one as "
+                f"the {cls._family}; only width, height and data are allowed there"
             )
         return cls.load(str(parameters["filename"]))
 

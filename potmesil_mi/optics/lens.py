@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 
-from .._validation import (
-    require_choice,
-    require_field_of_view,
-    require_kind,
-    require_number,
-)
+from .._validation import require_choice, require_field_of_view, require_kind, require_number, shown
 from .aperture import Aperture
 from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each, single
 from .disc import Disc
@@ -192,7 +187,8 @@ class ThinLens:
         _require_known(parameters)
         if focal_length is not None and frame_width is not None:
             raise ValueError(
-                f"fov={fov}: cannot be combined with both focal_length and frame_width"
+                f"focal_length={shown(focal_length)}, frame_width={shown(frame_width)}: must not "
+                "both be given with fov"
             )
         slope = 2 * math.tan(math.radians(fov) / 2)
         if focal_length is not None:
@@ -217,7 +213,7 @@ class ThinLens:
             if "focal_length" not in str(error):
                 raise
             made_by = {"fov": fov, "frame_width": frame_width, **(parameters if focused else {})}
-            of = ", ".join(f"{name}={value}" for name, value in made_by.items())
+            of = ", ".join(f"{name}={shown(value)}" for name, value in made_by.items())
             raise ValueError(f"{error}; the focal length follows from {of}") from error
 
     def parameters(self) -> dict[str, Any]:
@@ -271,7 +267,7 @@ class ThinLens:
         for name, value in given.items():
             numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
             if name not in ("film", "aperture") and not numeric:
-                raise TypeError(f"{name}={value!r}: must be a number")
+                raise TypeError(f"{name}={shown(value)}: must be a number")
         require_choice("film", given.setdefault("film", "focal"), FILMS)
         aperture = Aperture.parse(given.get("aperture", Disc.name), from_file=True)
         return cls(**{**given, "aperture": aperture})

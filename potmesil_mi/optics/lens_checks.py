@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .._validation import shown
 from .arithmetic import on_host, positive_finite, require_each
 
 
@@ -32,10 +33,9 @@ def require_length(name: str, value: Any) -> None:
 def require_one_opening(f_number: Any, aperture_radius: Any) -> None:
     """Raise ``ValueError`` unless one of the two is given, and not both."""
     if (f_number is None) == (aperture_radius is None):
-        given = "both were" if f_number is not None else "neither was"
         raise ValueError(
-            f"f_number and aperture_radius: give exactly one of them, {given} given "
-            f"(f_number={f_number}, aperture_radius={aperture_radius})"
+            f"f_number={shown(f_number)}, aperture_radius={shown(aperture_radius)}: exactly one "
+            "of them must be given"
         )
 
 
@@ -45,8 +45,8 @@ def require_focus(focus_distance: Any, focal_length: Any, millimeters_per_unit: 
     require_each(
         "focus_distance",
         focus_distance,
-        f"beyond the focal length of {focal_length} mm (focal_length), a scene unit being "
-        f"{millimeters_per_unit} mm (millimeters_per_unit)",
+        f"beyond the focal length of {shown(focal_length)} mm (focal_length), a scene unit being "
+        f"{shown(millimeters_per_unit)} mm (millimeters_per_unit)",
         lambda x: (
             x * on_host(millimeters_per_unit) - on_host(focal_length)
             > 1e-12 * on_host(focal_length)

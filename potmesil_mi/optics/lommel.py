@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._validation import require_choice, require_flag, require_number
+from .._validation import require_choice, require_flag, require_number, shown
 from .aperture import Aperture
 from .diffraction import ARGUMENTS, Argument, optical_coordinates
 from .diffraction_kernel import diffraction_kernel
@@ -110,13 +110,13 @@ class Lommel(_Diffracting):
         if isinstance(self.wavelengths, str):
             if self.wavelengths != SPECTRUM:
                 raise ValueError(
-                    f"wavelengths={self.wavelengths!r}: must be one or three numbers in nm, or "
-                    f"{SPECTRUM!r}"
+                    f"wavelengths={shown(self.wavelengths)}: must be one or three numbers in nm, "
+                    f"or {SPECTRUM!r}"
                 )
         else:
             given = np.atleast_1d(np.asarray(self.wavelengths, dtype=object)).tolist()
             if len(given) not in (1, 3):
-                raise ValueError(f"wavelengths={self.wavelengths}: must be one or three")
+                raise ValueError(f"wavelengths={shown(self.wavelengths)}: must be one or three")
             for value in given:
                 require_number("wavelengths", value, 100, 100_000)
             object.__setattr__(self, "wavelengths", tuple(float(value) for value in given))

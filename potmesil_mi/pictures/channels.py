@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from .._validation import shown
 from .reading import PictureFile, PicturePart
 
 DEPTH = re.compile(r"(^|[.:])(z|depth(\.[zyvrt])?|[^.:]+\.t|distance(\.\w)?)$", re.IGNORECASE)
@@ -73,8 +74,8 @@ def colours_of(file: PictureFile, layer: str | None) -> list[Channel]:
         chosen = sorted(ranked, key=_rank)
     if not chosen:
         there = ", ".join(repr(name) for name in (*coloured, *grey)) or "none"
-        asked = "no layer of colours" if layer is None else f"layer={layer!r}: there is none"
-        raise ValueError(f"{file.path}: {asked}; layers with R, G and B: {there}")
+        asked = "must have" if layer is None else f"layer={shown(layer)}: must be one of the"
+        raise ValueError(f"{file.path}: {asked} layers with R, G and B: {there}")
     of = coloured.get(chosen[0]) or grey[chosen[0]]
     names = [name for name in ("rgba" if "r" in of else "ya") if name in of]
     own = [of[name] for name in names]
@@ -100,7 +101,7 @@ def depth_of(file: PictureFile, wanted: str | None, need: bool) -> Channel | Non
         found = [of for of in every if wanted in (of.name, of.full_name)]
         if not found:
             names = ", ".join(of.full_name for of in every)
-            raise ValueError(f"{file.path}: depth_channel={wanted!r}: must be one of {names}")
+            raise ValueError(f"{file.path}: depth_channel={shown(wanted)}: must be one of {names}")
         return found[0]
     lower = {of.full_name.lower() for of in every}
     found = [of for of in every if _is_depth(of.full_name, lower)]

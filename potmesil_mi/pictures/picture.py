@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._image import linear_from_srgb
+from .._validation import shown
 from .channels import CRYPTOMATTE, Channel, colours_of, depth_of, every_channel, ids_of
 from .heic import picture_file
 from .programs import KnownDepth, Optics, depth_known, optics_of
@@ -164,8 +165,8 @@ def read_picture(
     if values.shape != rgb.shape[:2]:
         of_depth_file = file.path if depth is None or isinstance(depth, np.ndarray) else depth
         raise ValueError(
-            f"{of_depth_file}: its depth has the shape {values.shape}, must have {rgb.shape[:2]}, "
-            f"as the colours of {file.path}"
+            f"{of_depth_file}: depth={shown(values)}: has shape {values.shape}, must have "
+            f"{rgb.shape[:2]}, as the colours of {file.path}"
         )
     return Picture(rgb, values, frame, surface, surfaces)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import mitsuba as mi
 import numpy as np
 
+from .._validation import shown
 from ..filters.base import Filter, parse_filter
 from ..tracing.sensor import has_lens
 from .settings import denoise_from, has_alpha, method_from
@@ -122,7 +123,7 @@ def _filters(props: mi.Properties) -> tuple[Filter, ...]:
     names.sort(key=_in_natural_order)
     for name in names:
         if not isinstance(props[name], str):
-            raise TypeError(f"{name}={props[name]!r}: must be a string, such as star:points=6")
+            raise TypeError(f"{name}={shown(props[name])}: must be a string, such as star:points=6")
     return tuple(parse_filter(props[name]) for name in names)
 
 

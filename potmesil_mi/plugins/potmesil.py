@@ -9,7 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .._validation import require_kind, require_number, require_vector
+from .._files import require_path
+from .._validation import require_number, require_vector, shown
 from ..optics.aperture import Aperture
 from ..optics.camera import Camera, horizontal_fov, orientation
 from ..optics.disc import Disc
@@ -144,8 +145,8 @@ class PotmesilSensor(ProjectiveSensor):
     pair to what does not agree is an error.
 
     ``x_fov``, the principal point and ``to_world`` are differentiable. In scalar variants Mitsuba
-    cannot set the numbers of a Python plugin. Bad values raise ``ValueError``; after an update of
-    the parameters too.
+    cannot set the numbers of a Python plugin. Bad values raise ``ValueError``. An update of
+    the parameters does so, too, and then the sensor and its parameters stay as they were.
 
     ``sample_direction`` and ``projection_transform`` are those of ``perspective``, for ``ptracer``
     and for the projective integrators (``direct_projective``, ``prb_projective``). Where the
@@ -172,6 +173,7 @@ class PotmesilSensor(ProjectiveSensor):
             x_fov=self.m_lens.fov,
         )
         self._update()
+        self._keep()
 
     def _place(self, props: mi.Properties) -> None:
         """``to_world`` from the position and the angles of the paper's camera."""
@@ -196,7 +198,7 @@ class PotmesilSensor(ProjectiveSensor):
             numbers[name] = number_from(props, name, default)
         film = props.get("image_distance", "focal")
         if film not in FILMS:
-            raise ValueError(f"image_distance={film!r}: must be one of {', '.join(FILMS)}")
+            raise ValueError(f"image_distance={shown(film)}: must be one of {', '.join(FILMS)}")
         aperture = _aperture(props)
         width, height = self.film().size()
         axis = props.get("fov_axis", "x")
@@ -204,10 +206,6 @@ class PotmesilSensor(ProjectiveSensor):
         if "fov" not in props:
             numbers.setdefault("focal_length", DEFAULT_FOCAL_LENGTH)
             return ThinLens(**numbers, film=film, aperture=aperture)
-        if "focal_length" in numbers and "frame_width" in numbers:
-            raise ValueError(
-                f"fov={props['fov']}: cannot be combined with both focal_length and frame_width"
-            )
         return ThinLens.of_field_of_view(fov, **numbers, film=film, aperture=aperture)
 
     def _changed_lens(self) -> ThinLens:
@@ -246,11 +244,7 @@ class PotmesilSensor(ProjectiveSensor):
         for name in self.m_lens_parameters:
             self._follow(name, getattr(self.m_lens, name))
         self._follow("x_fov", self.m_lens.fov)
-        near, far = self.near_clip(), self.far_clip()
-        if not 0 < near < math.inf:
-            raise ValueError(f"near_clip={near}: must be > 0 and finite")
-        if not near < far < math.inf:
-            raise ValueError(f"far_clip={far}: must be beyond near_clip={near} and finite")
+        self._require_clipping()
         for axis in "xy":
             offset = self._value(f"principal_point_offset_{axis}")
             if not math.isfinite(offset):
@@ -378,12 +372,15 @@ def _aperture(props: mi.Properties) -> Aperture:
         if parameter not in props:
             continue
         if name != aperture:
-            raise ValueError(f"{parameter}: is for the aperture {aperture}, not for {name}")
+            raise ValueError(
+                f"{parameter}={shown(props[parameter])}: must be given for the aperture "
+                f"{aperture} alone, not for aperture={shown(name)}"
+            )
         parameters[field] = props[parameter]
     if name == ImageAperture.name:
         if not parameters:
             raise ValueError("aperture_image: must name a picture for the aperture image")
-        require_kind("aperture_image", parameters["filename"], str, "the name of a file")
+        require_path(parameters["filename"], "aperture_image")
         parameters["filename"] = str(mi.file_resolver().resolve(parameters["filename"]))
     wavelengths = parameters.get("wavelengths", SPECTRUM)
     if isinstance(wavelengths, str) and wavelengths != SPECTRUM:
@@ -405,7 +402,8 @@ def _in_scenes(message: str) -> str:
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:
+    numbers = text.replace(",", " ").split()
     try:
-        return tuple(float(number) for number in text.replace(",", " ").split())
+        return tuple(float(number) for number in numbers or [text])
     except ValueError as error:
-        raise ValueError(f"{name}={text!r}: must be numbers, or {SPECTRUM}") from error
+        raise ValueError(f"{name}={shown(text)}: must be numbers, or {SPECTRUM}") from error

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .._validation import shown
 from ..optics.camera import Camera
 from ..optics.telecentric import TelecentricLens
 from .projective import CLIPPING, ProjectiveSensor, number_from
@@ -46,8 +47,8 @@ class PotmesilOrthographicSensor(ProjectiveSensor):
        - As in ``orthographic``.
 
     ``mi.traverse`` exposes the numbers of the lens, the clipping planes and ``to_world``, of which
-    the last is differentiable. Bad values raise ``ValueError`` or ``TypeError``; after an update of
-    the parameters too.
+    the last is differentiable. Bad values raise ``ValueError`` or ``TypeError``. An update of
+    the parameters does so, too, and then the sensor and its parameters stay as they were.
     """
 
     plugin = "potmesil_orthographic"
@@ -65,10 +66,12 @@ class PotmesilOrthographicSensor(ProjectiveSensor):
         )
         self.m_lens = TelecentricLens(**lens, aperture=props.get("aperture", "disc"))
         self._update()
+        self._keep()
 
     def _update(self) -> None:
         """What follows from the parameters: the lens, the camera, and the projection."""
         self.m_lens = self.m_lens.replace(**self._changes(LENS_PARAMETERS))
+        self._require_clipping()
         self.m_camera = self._camera()
         film = self.film()
         self._set_projection(
@@ -93,7 +96,7 @@ class PotmesilOrthographicSensor(ProjectiveSensor):
             )
         matrix[:3, :3] /= scale
         if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3), atol=1e-3):
-            raise ValueError("to_world: must not shear")
+            raise ValueError(f"to_world={shown(matrix)}: must not shear")
         near = self.near_clip() * float(scale[2])
         return self._camera_of(
             x_fov=0.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -9,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .._validation import require_not_before, require_number
+from .._validation import require_not_before, require_number, shown
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
@@ -31,6 +32,10 @@ class ProjectiveSensor(mi.Sensor):
 
     m_lens: ThinLens | TelecentricLens
     m_to_world: Any
+    m_changing = False
+    """Whether the parameters are being checked."""
+    m_kept: dict[str, Any]
+    """Copies of the exposed parameters when they were valid last."""
     m_camera_to_sample: Any
     """From camera space to the crop window, 0 to 1, and from there back; set by subclasses."""
     m_sample_to_camera: Any
@@ -52,8 +57,11 @@ class ProjectiveSensor(mi.Sensor):
             setattr(self, f"m_{name}", mi.Float(number))
 
     def _value(self, name: str) -> float:
-        """The exposed number."""
-        return item(getattr(self, f"m_{name}"))
+        """The exposed number. Raises ``ValueError`` where it has become several, or none."""
+        value = getattr(self, f"m_{name}")
+        if not isinstance(value, (int, float)) and len(value) != 1:
+            raise ValueError(f"{name}={shown(value)}: must be one number")
+        return item(value)
 
     def _differs(self, name: str, number: float) -> bool:
         """Whether the exposed number is another one, in single precision."""
@@ -80,11 +88,41 @@ class ProjectiveSensor(mi.Sensor):
         raise NotImplementedError
 
     def parameters_changed(self, keys: list[str]) -> None:
-        """Check the parameters again and follow them."""
-        super().parameters_changed(keys)
-        if not keys or "to_world" in keys:
-            self.m_to_world = self.m_to_world.update()  # its inverse, if the matrix alone was set
-        self._update()
+        """Check the parameters again and follow them.
+
+        Where one of them is wrong the sensor stays as it was, and so do its parameters.
+        """
+        if self.m_changing:  # Mitsuba's own method, called from here, comes back once.
+            super().parameters_changed(keys)
+            return
+        lens, self.m_changing = self.m_lens, True
+        try:
+            super().parameters_changed(keys)
+            require_number("shutter_open", self.shutter_open())
+            require_number("shutter_open_time", self.shutter_open_time(), 0)
+            if not keys or "to_world" in keys:
+                self.m_to_world = self.m_to_world.update()  # its inverse, if the matrix was set
+            self._update()
+        except Exception:
+            self.m_lens = lens
+            self._restore()
+            raise
+        finally:
+            self.m_changing = False
+        self._keep()
+
+    def _keep(self) -> None:
+        """Keep what the parameters are now, which is valid."""
+        self.m_kept = {
+            name: type(value)(value) for name, value in mi.traverse(self) if "." not in name
+        }
+
+    def _restore(self) -> None:
+        """Let the parameters be what was kept, in place, as :meth:`_follow` does."""
+        exposed = mi.traverse(self)
+        for name, kept in self.m_kept.items():
+            if not np.array_equal(_numbers(exposed[name]), _numbers(kept)):
+                exposed[name] = kept
 
     def _set_projection(self, camera_to_sample: Any) -> None:
         """Take the projection from camera space to the crop window, and its inverse."""
@@ -116,9 +154,23 @@ class ProjectiveSensor(mi.Sensor):
         """Depth of the focused plane in scene units."""
         return float(self.m_lens.focus_distance)
 
+    def _require_clipping(self) -> None:
+        """Raise ``ValueError`` unless the clipping planes are in front of the camera, in order."""
+        near, far = self.near_clip(), self.far_clip()
+        if not 0 < near < math.inf:
+            raise ValueError(f"near_clip={near}: must be > 0 and finite")
+        if not near < far < math.inf:
+            raise ValueError(f"far_clip={far}: must be beyond near_clip={near} and finite")
+
     def _matrix(self) -> np.ndarray:
-        """The camera-to-world matrix with its scale, shape (4, 4)."""
-        return np.array(self.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+        """The camera-to-world matrix with its scale, shape (4, 4).
+
+        Raises ``ValueError`` unless it is one, of finite numbers.
+        """
+        matrix = _numbers(self.world_transform())
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise ValueError(f"to_world={shown(matrix)}: must be one matrix of finite numbers")
+        return matrix
 
     def _camera_of(self, **fields: Any) -> Camera:
         """The camera with the sensor's film and shutter, and with ``fields``."""
@@ -158,10 +210,15 @@ def number_from(props: mi.Properties, name: str, default: float | None = None) -
     """
     value = props[name] if default is None else props.get(name, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{name}={value!r}: must be a number")
+        raise TypeError(f"{name}={shown(value)}: must be a number")
     return float(value)
 
 
 def item(value: Any) -> float:
     """A one-element Dr.Jit array, or a number in scalar variants, as a Python number."""
     return float(value if isinstance(value, (int, float)) else value[0])
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """An exposed parameter as an array: () for a number, (4, 4) for a transformation."""
+    return np.array(getattr(value, "matrix", value), dtype=np.float64).squeeze()

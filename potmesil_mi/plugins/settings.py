@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import mitsuba as mi
 
+from .._files import require_path
+from .._validation import shown
+
 if TYPE_CHECKING:
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
@@ -42,7 +45,7 @@ def denoise_from(props: mi.Properties) -> bool:
     """Whether samples are denoised. Raises ``TypeError`` for other than true or false."""
     value = props.get("denoise", False)
     if not isinstance(value, bool):
-        raise TypeError(f"denoise={value!r}: must be true or false")
+        raise TypeError(f"denoise={shown(value)}: must be true or false")
     return value
 
 
@@ -55,8 +58,7 @@ def motion_from(props: mi.Properties) -> Motion | None:
 
     if "motion" not in props:
         return None
-    if not isinstance(props["motion"], str):
-        raise TypeError(f"motion={props['motion']!r}: must be the name of a TOML file")
+    require_path(props["motion"], "motion")
     return Motion.load(str(mi.file_resolver().resolve(props["motion"])))
 
 

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numcodecs import blosc
 
-from .._validation import require_whole
+from .._validation import require_whole, shown
 from .columns import COLUMNS, Columns, is_optional
 from .header import TEXTS, Header, json_object
 from .raster import Window
@@ -201,7 +201,7 @@ def _require_surfaces(surfaces: Mapping[int, str]) -> None:
     for surface, name in surfaces.items():
         require_whole("surfaces: id", surface, 0, MOST_ID)
         if not isinstance(name, str):
-            raise TypeError(f"surfaces[{surface}]={name!r}: must be text")
+            raise TypeError(f"surfaces[{surface}]={shown(name)}: must be text")
 
 
 def _described(

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._threads import for_each
-from .._validation import require_kind, require_numbers, require_whole
+from .._validation import require_kind, require_numbers, require_whole, shown
 from ..optics.disc import lens_points
 
 OF_DEFAULT: Any = None
@@ -116,7 +116,8 @@ class Columns:
             expected = (count, channels) if channels else (count,)
             if values.shape != expected:
                 raise ValueError(
-                    f"{field.name}: has shape {values.shape}, must have {expected}, as many as x"
+                    f"{field.name}={shown(values)}: has shape {values.shape}, must have "
+                    f"{expected}, as many as x"
                 )
             column = _in_type(field.name, values, field.metadata["dtype"])
             object.__setattr__(self, field.name, column)
@@ -206,14 +207,16 @@ def require_visibility_radius(radius: Any, known: bool) -> None:
     """Raise unless ``radius`` are two half-widths > 0, or ``None`` where no visibility is known."""
     if (radius is None) == known:
         raise ValueError(
-            f"visibility_radius={radius}: must be the half-widths of the lens (across, down) where "
-            "samples have visibility, and None where not"
+            f"visibility_radius={shown(radius)}: must be the half-widths of the lens (across, "
+            "down) where samples have visibility, and None where not"
         )
     if radius is None:
         return
     values = tuple(radius) if isinstance(radius, Iterable) else ()
     if len(values) != 2 or not all(isinstance(v, Real) and 0 < float(v) < np.inf for v in values):
-        raise ValueError(f"visibility_radius={radius}: must be two numbers > 0, in scene units")
+        raise ValueError(
+            f"visibility_radius={shown(radius)}: must be two numbers > 0, in scene units"
+        )
 
 
 def visibility_points(radius: Sequence[float]) -> np.ndarray:
@@ -257,12 +260,14 @@ def _indices(which: Any, count: int) -> np.ndarray:
     """Which of so many samples: bool (count,), or whole numbers (M,) of -count to count - 1."""
     chosen = require_numbers("which", which)
     if chosen.ndim != 1 or chosen.dtype.kind == "f":
-        raise TypeError(f"which: must be a slice, bool ({count},) or whole numbers (M,)")
+        raise TypeError(
+            f"which={shown(which)}: must be a slice, bool ({count},) or whole numbers (M,)"
+        )
     fits = len(chosen) == count
     if chosen.dtype.kind != "b":
         fits = len(chosen) == 0 or (-count <= chosen.min() and chosen.max() < count)
     if not fits:
-        raise ValueError(f"which: must be of {count} samples")
+        raise ValueError(f"which={shown(which)}: must be of {count} samples")
     return chosen
 
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .._validation import require_whole
+from .._validation import require_whole, shown
 from ..optics.aperture import Aperture
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
@@ -150,5 +150,5 @@ def lens_of_header(values: dict[str, Any]) -> ThinLens | TelecentricLens:
     if kind is None:
         return ThinLens.from_dict(values)
     if kind != TYPE:
-        raise ValueError(f"type={kind!r}: must be {TYPE}, or not be there for a thin lens")
+        raise ValueError(f"type={shown(kind)}: must be {TYPE}, or not be there for a thin lens")
     return TelecentricLens.from_dict(values)

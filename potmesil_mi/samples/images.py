@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from .._validation import require_choice, require_flag, require_kind, require_number
+from .._validation import require_choice, require_flag, require_kind, require_number, shown
 from .._version import package_version
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
@@ -137,7 +137,8 @@ def image_of(rgb: Any, depth: Any, described: Described) -> SampledImage:
     layer, depth_channel = described.layer, described.depth_channel
     if layer is not None or depth_channel is not None:
         raise ValueError(
-            f"layer={layer}, depth_channel={depth_channel}: are names in a file, and rgb is none"
+            f"layer={shown(layer)}, depth_channel={shown(depth_channel)}: must be None, since they "
+            f"are names in a file and rgb={shown(rgb)} is none"
         )
     return image_of_arrays(rgb, depth, described)
 
@@ -200,7 +201,7 @@ def _as_known(
     if described.depth_kind is None and known is None:
         raise ValueError(
             f"{name}: no file says whether its depth is along the axis (z) or the ray (distance); "
-            f"{verdict(bent())}; give depth_kind, one of {', '.join(DEPTH_KINDS)}"
+            f"{verdict(bent())}; depth_kind=None: must be one of {', '.join(DEPTH_KINDS)}"
         )
     if known is None:
         return described
@@ -241,10 +242,13 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
     rgb = np.asarray(rgb)
     if rgb.dtype.kind not in "f":
         raise TypeError(
-            f"rgb: its type is {rgb.dtype}, must be floats, linear; a file of whole numbers is sRGB"
+            f"rgb={shown(rgb)}: has type {rgb.dtype}, must be floats, linear; a file of whole "
+            "numbers is sRGB"
         )
     if rgb.ndim != 3 or rgb.shape[2] not in (3, 4) or rgb.size == 0:
-        raise ValueError(f"rgb: its shape is {rgb.shape}, must be (height, width, 3 or 4)")
+        raise ValueError(
+            f"rgb={shown(rgb)}: has shape {rgb.shape}, must be (height, width, 3 or 4)"
+        )
     with np.errstate(over="ignore"):  # What is infinite then is refused.
         rgb = rgb.astype(np.float32, copy=False)
     if depth is None:
@@ -253,10 +257,11 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
         depth = read_depth(depth)
     lens, surface, surfaces = described.lens, described.surface, described.surfaces
     if not isinstance(lens, ThinLens):
-        raise TypeError(f"lens={lens!r}: must be a ThinLens, or rgb the name of a file")
-    size, depth = rgb.shape[:2], _scaled(np.asarray(depth), described)
+        raise TypeError(f"lens={shown(lens)}: must be a ThinLens, or rgb the name of a file")
+    size, depth = rgb.shape[:2], np.asarray(depth)
     if depth.shape != size:
-        raise ValueError(f"depth: its shape is {depth.shape}, must be {size}, as that of rgb")
+        raise ValueError(f"depth={shown(depth)}: has shape {depth.shape}, must have {size}, as rgb")
+    depth = _scaled(depth, described)
     camera = _camera(described.camera, size)
     require_usable_together(camera, lens)
     x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in size[::-1]))
@@ -264,9 +269,9 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
     z = _z(depth, x, y, camera, described)
     ids = np.isfinite(z) if surface is None else np.asarray(surface)
     if ids.shape != size:
-        raise ValueError(f"surface: its shape is {ids.shape}, must be {size}, as that of rgb")
+        raise ValueError(f"surface={shown(ids)}: has shape {ids.shape}, must have {size}, as rgb")
     if not np.issubdtype(ids.dtype, np.integer) and ids.dtype != bool:
-        raise TypeError(f"surface: its type is {ids.dtype}, must be whole numbers")
+        raise TypeError(f"surface={shown(ids)}: has type {ids.dtype}, must be whole numbers")
     if ids.min() < 0 or ids.max() > MOST_IDS:
         raise ValueError(f"surface: {ids.min()} to {ids.max()}: must be 0 to {MOST_IDS}")
     if surfaces is None:
@@ -293,7 +298,7 @@ def _scaled(depth: np.ndarray, described: Described) -> np.ndarray:
     if depth.dtype.kind == "f":
         return depth.astype(np.float64) * (1 if scale is None else scale)
     if depth.dtype.kind not in "iu":
-        raise TypeError(f"depth: its type is {depth.dtype}, must be numbers")
+        raise TypeError(f"depth={shown(depth)}: has type {depth.dtype}, must be numbers")
     if described.depth_kind == "ndc":
         if depth.dtype.kind != "u" or scale is not None:
             raise ValueError(
@@ -374,8 +379,8 @@ def _require_planes_of(
     require_kind("far", far, Real, "a number")
     if near is not None or far != math.inf or reverse or clip != "opengl":
         raise ValueError(
-            f"near={near}, far={far}, clip={clip}, reverse={reverse}: are only of an NDC depth, "
-            f"near of a distance, too; depth_kind is {depth_kind}"
+            f"near={shown(near)}, far={shown(far)}, clip={clip}, reverse={reverse}: must not be "
+            f"given for depth_kind={depth_kind}, but for an NDC depth; near for a distance, too"
         )
 
 

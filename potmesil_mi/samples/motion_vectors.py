@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._validation import require_choice, require_number, require_numbers
+from .._validation import require_choice, require_number, require_numbers, shown
 
 Convention = Literal["pixels", "blender", "forward"]
 """Whose vectors they are; see :func:`motion_vectors`."""
@@ -48,7 +48,8 @@ def motion_vectors(
     count = CHANNELS[convention]
     if vectors.ndim < 1 or vectors.shape[-1] != count:
         raise ValueError(
-            f"channels: have shape {vectors.shape}, must be (..., {count}) for {convention}"
+            f"channels={shown(channels)}: have shape {vectors.shape}, must be (..., {count}) for "
+            f"{convention}"
         )
     vectors = vectors.reshape(-1, count)
     if convention == "blender":

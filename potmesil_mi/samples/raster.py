@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._validation import require_whole
+from .._validation import require_kind, require_whole, shown
 
 FARTHEST = 1 << 24
 """Pixels from the film's corner from where on float32 no longer tells neighbours apart."""
@@ -45,12 +45,15 @@ class Window(NamedTuple):
         them, for less than one pixel, and for one farther from the film's corner than
         ``FARTHEST``; each says ``name``.
         """
+        require_kind("name", name, str, "the name of the parameter")
         try:
             numbers = tuple(values)
         except TypeError:
-            raise TypeError(f"{name}={values!r}: must be left, top, width and height") from None
+            raise TypeError(
+                f"{name}={shown(values)}: must be left, top, width and height"
+            ) from None
         if len(numbers) != 4:
-            raise ValueError(f"{name}={values!r}: must be left, top, width and height")
+            raise ValueError(f"{name}={shown(values)}: must be left, top, width and height")
         for i, (number, least) in enumerate(
             zip(numbers, (-FARTHEST, -FARTHEST, 1, 1), strict=True)
         ):

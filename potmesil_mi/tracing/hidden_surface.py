@@ -16,7 +16,7 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._memory import require_memory
-from .._validation import require_kind, require_whole
+from .._validation import require_kind, require_whole, shown
 from ..motion.motion import Motion
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
@@ -133,8 +133,8 @@ def nested_of(integrator: mi.Integrator | None) -> mi.SamplingIntegrator:
     """
     nested = integrator.nested if isinstance(integrator, WrappingIntegrator) else integrator
     if not isinstance(nested, mi.SamplingIntegrator):
-        name = nested.class_name() if isinstance(nested, mi.Integrator) else repr(nested)
-        raise TypeError(f"integrator: {name} given, must be a sampling integrator, such as path")
+        name = nested.class_name() if isinstance(nested, mi.Integrator) else shown(nested)
+        raise TypeError(f"integrator={name}: must be a sampling integrator, such as path")
     return nested
 
 

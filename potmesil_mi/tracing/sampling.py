@@ -12,6 +12,7 @@ from .._validation import (
     require_number,
     require_positive,
     require_whole,
+    shown,
 )
 
 Pattern = Literal["sampler", "uniform", "adaptive"]
@@ -97,7 +98,7 @@ class Sampling:
     def __post_init__(self) -> None:
         require_choice("pattern", self.pattern, PATTERNS)
         if not isinstance(self.threshold, Real):
-            raise TypeError(f"threshold={self.threshold!r}: must be a number >= 0")
+            raise TypeError(f"threshold={shown(self.threshold)}: must be a number >= 0")
         if not self.threshold >= 0:
             raise ValueError(f"threshold={self.threshold}: must be >= 0")
         require_whole("subdivisions", self.subdivisions, 0, 8)
@@ -105,7 +106,7 @@ class Sampling:
         if self.overscan is not None:
             require_whole("overscan", self.overscan, 0, 10_000)
         if self.min_f_number is not None and not isinstance(self.min_f_number, Real):
-            raise TypeError(f"min_f_number={self.min_f_number!r}: must be a number > 0")
+            raise TypeError(f"min_f_number={shown(self.min_f_number)}: must be a number > 0")
         if self.min_f_number is not None and not self.min_f_number > 0:
             raise ValueError(f"min_f_number={self.min_f_number}: must be > 0")
         for name in ("virtual_depth", "features"):
@@ -129,9 +130,9 @@ def _focus_range(value: Any) -> tuple[float, float]:
     try:
         near, far = (float(end) for end in ends)
     except TypeError as error:
-        raise TypeError(f"focus_range={value!r}: must be {allowed}") from error
+        raise TypeError(f"focus_range={shown(value)}: must be {allowed}") from error
     except ValueError as error:
-        raise ValueError(f"focus_range={value!r}: must be {allowed}") from error
+        raise ValueError(f"focus_range={shown(value)}: must be {allowed}") from error
     if not 0 < near <= far:
-        raise ValueError(f"focus_range={value!r}: must be {allowed}")
+        raise ValueError(f"focus_range={shown(value)}: must be {allowed}")
     return near, far

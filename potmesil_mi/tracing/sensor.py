@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import mitsuba as mi
 import numpy as np
 
-from .._validation import require_kind
+from .._validation import require_kind, shown
 from ..optics.camera import Camera
 from ..optics.lens import FULL_FRAME_WIDTH, AnyLensChanges, ThinLens
 from ..optics.lens_checks import distance_in_mm
@@ -46,7 +46,9 @@ def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
     require_kind("sensor", sensor, int, "a sensor or its number in the scene")
     count = len(scene.sensors())
     if not 0 <= sensor < count:
-        raise ValueError(f"sensor={sensor}: the scene has {count}, numbered from 0")
+        raise ValueError(
+            f"sensor={shown(sensor)}: must be 0 to {count - 1}, a number of a sensor of the scene"
+        )
     return scene.sensors()[sensor]
 
 
@@ -167,13 +169,13 @@ def with_lens(sensor: mi.Sensor, lens: TelecentricLens | None) -> mi.Sensor:
         return potmesil_sensor(sensor)
     if not isinstance(lens, TelecentricLens):
         raise TypeError(
-            f"lens={lens!r}: must be a TelecentricLens; potmesil_sensor puts a ThinLens before a "
-            "perspective sensor"
+            f"lens={shown(lens)}: must be a TelecentricLens; potmesil_sensor puts a ThinLens "
+            "before a perspective sensor"
         )
     if not is_orthographic(sensor):
         raise ValueError(
-            f"lens={lens!r}: must not be a TelecentricLens for the sensor {sensor.class_name()}, "
-            "which is not orthographic"
+            f"lens={shown(lens)}: must not be a TelecentricLens for the sensor "
+            f"{sensor.class_name()}, which is not orthographic"
         )
     parameters: Any = lens.parameters()
     return potmesil_sensor(sensor, **parameters)

@@ -85,6 +85,6 @@ def test_what_is_no_track_is_named(value, scale, error, message):
 
 
 def test_a_track_has_a_key():
-    with pytest.raises(ValueError, match="keys: there must be one"):
+    with pytest.raises(ValueError, match=r"keys=\(\): there must be one"):
         Track(())
     assert Track((Key(0, 1.5),)).at(7) == 1.5

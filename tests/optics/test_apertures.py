@@ -262,7 +262,7 @@ def test_apertures_can_be_given_as_text(text, aperture):
         (lambda: pm.Lommel(truncated=3), TypeError, r"^truncated=3: "),
         (lambda: pm.Lommel(argument="best"), ValueError, r"^argument='best': "),
         (lambda: pm.ImageAperture(np.zeros((4, 4))), ValueError, r"^transmission_map: "),
-        (lambda: pm.ImageAperture(np.ones(4)), ValueError, r"^transmission_map: has shape"),
+        (lambda: pm.ImageAperture(np.ones(4)), ValueError, r"^transmission_map=.*: has shape"),
         (lambda: pm.ImageAperture([[1, math.nan]]), ValueError, r"^transmission_map: "),
         (lambda: pm.ImageAperture.load("no.png"), FileNotFoundError, r"^filename='no.png'"),
         (lambda: aperture_of("heart"), ValueError, r"^aperture='heart': must be one of disc"),
@@ -324,8 +324,14 @@ def test_a_sensor_has_the_aperture_that_its_parameters_say(variant_llvm, paramet
     ("parameters", "message"),
     [
         ({"aperture": "heart"}, "aperture='heart'"),
-        ({"blades": 5}, "blades: is for the aperture polygon, not for disc"),
-        ({"aperture": "polygon", "wavelengths": 500.0}, "wavelengths: is for the aperture lommel"),
+        (
+            {"blades": 5},
+            "blades=5: must be given for the aperture polygon alone, not for aperture='disc'",
+        ),
+        (
+            {"aperture": "polygon", "wavelengths": 500.0},
+            "wavelengths=500.0: must be given for the aperture lommel alone",
+        ),
         ({"aperture": "lommel", "wavelengths": "red"}, "wavelengths='red'"),
         ({"aperture": "image"}, "aperture_image"),
         ({"aperture": "image", "aperture_image": "nowhere.png"}, "nowhere.png"),

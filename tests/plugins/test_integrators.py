@@ -72,7 +72,7 @@ def test_a_file_tells_what_moves(plugin, tmp_path):
     # What is given in Python counts.
     again = pm.render_samples(scene, seed=3, motion=pm.Motion(shutter=pm.Shutter(0, 0)))
     assert not again.moves
-    with pytest.raises(RuntimeError, match="motion=3: must be the name of a TOML file"):
+    with pytest.raises(RuntimeError, match="motion=3: must be the name of a file"):
         still_life({"type": plugin, "nested": PATH, "motion": 3})
     with pytest.raises(RuntimeError, match=r"no\.toml"):
         still_life({"type": plugin, "nested": PATH, "motion": str(tmp_path / "no.toml")})

@@ -51,9 +51,9 @@ def test_no_samples_at_all_are_refused():
 
 
 def test_columns_of_the_wrong_shape_are_named():
-    with pytest.raises(ValueError, match=r"z: has shape \(3,\), must have \(5,\)"):
+    with pytest.raises(ValueError, match=r"z=.*: has shape \(3,\), must have \(5,\)"):
         synthetic(5, z=np.ones(3))
-    with pytest.raises(ValueError, match="rgb: has shape"):
+    with pytest.raises(ValueError, match=r"rgb=.*: has shape"):
         synthetic(5, rgb=np.ones((5, 4)))
 
 
@@ -132,7 +132,7 @@ def test_layers_follow_their_samples():
     with pytest.warns(RuntimeWarning, match="dropped 2 of 300"):
         fewer = samples.replace(rgb=rgb)
     np.testing.assert_array_equal(fewer.layer, np.delete(samples.layer, [3, 50]))
-    with pytest.raises(ValueError, match=r"layer: has shape \(300,\), must have \(5,\)"):
+    with pytest.raises(ValueError, match=r"layer=.*: has shape \(300,\), must have \(5,\)"):
         synthetic(5, layer=samples.layer)
 
 
@@ -272,7 +272,7 @@ def own(samples):
             {"visibility": np.ones(5, np.uint64), "visibility_radius": 0.5},
             "visibility_radius=0.5: must be two numbers > 0",
         ),
-        ({"through": np.ones(4)}, r"through: has shape \(4,\), must have \(5,\)"),
+        ({"through": np.ones(4)}, r"through=.*: has shape \(4,\), must have \(5,\)"),
     ],
 )
 def test_what_is_said_of_windows_fits_together(fields, message):

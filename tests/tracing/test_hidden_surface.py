@@ -126,7 +126,7 @@ def test_a_film_of_one_pixel_is_refused():
 
 def test_a_missing_sensor_and_a_negative_count_are_named():
     scene = still_life()
-    with pytest.raises(ValueError, match="sensor=3: the scene has 1"):
+    with pytest.raises(ValueError, match="sensor=3: must be 0 to 0"):
         pm.render_samples(scene, 3)
     with pytest.raises(ValueError, match="spp=-1"):
         pm.render_samples(scene, spp=-1)

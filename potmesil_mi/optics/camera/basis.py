@@ -36,6 +36,7 @@ from .vectors import (
     degrees,
     dot,
     entries,
+    finite_components,
     leaf_of,
     length,
     number,
@@ -105,7 +106,7 @@ def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0), axes: CameraAxes =
     Raises ``ValueError`` for a target at the eye, and for an up along the gaze.
     """
     leaf = leaf_of(eye, target, up)
-    e, p = components("eye", eye, 3, leaf), components("target", target, 3, leaf)
+    e, p = (finite_components(n, v, 3, leaf) for n, v in (("eye", eye), ("target", target)))
     gaze = [b - a for a, b in zip(e, p, strict=True)]
     require("target", p, length(gaze) > 0, "another point than the eye")
     return world_from_camera(basis_from_gaze(assemble(gaze), up, axes), assemble(e))

@@ -23,6 +23,7 @@ from ..._validation import (
     require_number,
     require_positive,
     require_whole,
+    shown,
 )
 from . import vectors
 from .basis import CAMERA_AXES, HALF_TURN, CameraAxes, convert_axes, look_at
@@ -145,7 +146,7 @@ class Camera:
         if self.projection == "orthographic":
             require_number("x_fov", self.x_fov)
             if self.x_fov != 0:
-                raise ValueError(f"x_fov={self.x_fov}: must be 0 for an orthographic camera")
+                raise ValueError(f"x_fov={shown(self.x_fov)}: must be 0 for an orthographic camera")
             if self.film_width is None:
                 raise TypeError("film_width: must be given for an orthographic camera")
             require_positive("film_width", self.film_width, "scene units")
@@ -153,8 +154,8 @@ class Camera:
         require_field_of_view("x_fov", self.x_fov)
         if self.film_width is not None:
             raise ValueError(
-                f"film_width={self.film_width}: must be None for a perspective camera, whose film "
-                "x_fov describes"
+                f"film_width={shown(self.film_width)}: must be None for a perspective camera, "
+                "whose film x_fov describes"
             )
 
     def _require_projection(self, projection: Projection, what: str) -> None:
@@ -289,6 +290,7 @@ class Camera:
 
     def pixel_from_world(self, points: Any, behind: Behind = "refuse") -> Any:
         """Pixels (..., 2) of the whole film where world points (..., 3) are seen."""
+        points = assemble(components("points", points, 3))
         camera = transform_points(self.camera_from_world(), points)
         return self.pixel_from_camera(camera, behind=behind)
 
@@ -376,5 +378,5 @@ def _plain(value: Any) -> Any:
 def _several(name: str, values: Any, count: int) -> tuple[Any, ...]:
     """The ``count`` values; raises ``TypeError`` for what is no tuple of so many."""
     if not isinstance(values, tuple) or len(values) != count:
-        raise TypeError(f"{name}={values!r}: must be a tuple of {count}")
+        raise TypeError(f"{name}={shown(values)}: must be a tuple of {count}")
     return values

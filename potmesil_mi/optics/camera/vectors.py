@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._validation import shown
 from ..arithmetic import on_host
 
 Components = Sequence[Any]
@@ -105,7 +106,7 @@ def number(name: str, value: Any, leaf: Any = None) -> Any:
         return leaf(value)
     array = np.asarray(value)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name}={value!r}: must be a number")
+        raise TypeError(f"{name}={shown(value)}: must be a number")
     if array.dtype.kind != "f":
         array = array.astype(np.float64)
     if leaf is None:
@@ -128,7 +129,7 @@ def components(name: str, value: Any, count: int | None = None, leaf: Any = None
     if own is None:
         array = np.asarray(value)
         if array.ndim == 0:
-            raise TypeError(f"{name}={value!r}: must be a point or vector, {_shape(count)}")
+            raise TypeError(f"{name}={shown(value)}: must be a point or vector, {_shape(count)}")
         parts = [array[..., i] for i in range(array.shape[-1])]
     elif isinstance(value, (tuple, list)):
         parts = list(value)
@@ -137,7 +138,7 @@ def components(name: str, value: Any, count: int | None = None, leaf: Any = None
     else:
         raise TypeError(f"{name}: must be a vector such as Array3f and not {type(value).__name__}")
     if len(parts) != (count or len(parts)):
-        raise ValueError(f"{name}: has {len(parts)} components; must have {count}")
+        raise ValueError(f"{name}={shown(value)}: has {len(parts)} components; must have {count}")
     leaf = leaf or own
     return [number(f"{name}[{i}]", part, leaf) for i, part in enumerate(parts)]
 
@@ -156,7 +157,9 @@ def entries(name: str, value: Any, leaf: Any = None) -> list[list[Any]]:
     if own is None:
         array = np.asarray(value)
         if array.ndim < 2:
-            raise TypeError(f"{name}={value!r}: must be a matrix, an array of shape (..., n, n)")
+            raise TypeError(
+                f"{name}={shown(value)}: must be a matrix, an array of shape (..., n, n)"
+            )
         rows = [array[..., i, :] for i in range(array.shape[-2])]
         return [components(f"{name}[{i}]", row, None, leaf) for i, row in enumerate(rows)]
     if isinstance(value, (tuple, list)):
@@ -308,6 +311,6 @@ def require(name: str, value: Any, condition: Any, allowed: str) -> None:
         return
     parts = [on_host(part) for part in (value if isinstance(value, (tuple, list)) else [value])]
     passed, *parts = np.broadcast_arrays(passed, *parts)
-    shown = [float(part[~passed][0]) for part in parts]
-    text = f"({', '.join(map(repr, shown))})" if len(shown) > 1 else repr(shown[0])
+    numbers = [float(part[~passed][0]) for part in parts]
+    text = f"({', '.join(map(repr, numbers))})" if len(numbers) > 1 else repr(numbers[0])
     raise ValueError(f"{name}={text}: must be {allowed}")

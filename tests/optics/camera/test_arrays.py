@@ -244,7 +244,7 @@ def test_mitsubas_types_are_taken(variant_llvm):
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
-        (lambda: cam.convert_axes([1, 2]), ValueError, "^points: has 2 components; must have 3"),
+        (lambda: cam.convert_axes([1, 2]), ValueError, "^points=.*: has 2 components; must have 3"),
         (lambda: cam.convert_axes(3.0), TypeError, r"^points=3.0: must be a point or vector"),
         (lambda: cam.convert_axes(["a"] * 3), TypeError, r"^points\[0\]=.*: must be a number"),
         (lambda: cam.multiply(5, (1, 2, 3, 4)), TypeError, "^matrix=5: must be a matrix"),
@@ -273,7 +273,7 @@ def test_drjit_values_of_another_kind_are_named(variant_llvm):
         cam.convert_axes(Float(1, 2, 3))
     with pytest.raises(TypeError, match=r"^points: must be a vector .* and not TensorXf"):
         cam.convert_axes(TensorXf([1, 2, 3], (1, 3)))
-    with pytest.raises(ValueError, match=r"^points: has 2 components"):
+    with pytest.raises(ValueError, match=r"^points=.*: has 2 components"):
         cam.convert_axes(Array2f(1, 2))
     with pytest.raises(TypeError, match=r"^matrix: must be a matrix such as Matrix4f and not"):
         cam.multiply(Array3f(1), Array3f(1))
