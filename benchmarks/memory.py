@@ -23,6 +23,7 @@ import numpy as np
 from common import console
 
 import potmesil_mi as pm
+from potmesil_mi.focusing.memory import memory_of_focus
 from potmesil_mi.tracing.sensor import sensor_parameters
 
 
@@ -52,6 +53,8 @@ def main() -> None:
         f"{len(samples):,} samples of {samples.nbytes / len(samples):.0f} bytes: "
         f"{samples.nbytes / 2**30:.2f} GiB"
     )
+    needed = memory_of_focus(samples, pm.Method.parse(arguments.method))
+    console.print(f"a focus is said to take {needed / 2**30:.2f} GiB beside them")
     in_units = samples.lens.millimeters_per_unit
     for distance in arguments.focus_distances or (290 / in_units, 2000 / in_units):
         lens = samples.lens.replace(f_number=arguments.f_number, focus_distance=distance)

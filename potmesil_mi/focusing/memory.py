@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..optics.aperture import Aperture
 from ..samples.point_samples import PointSamples
 from .locating import GATHERED_AT_ONCE
 from .methods import Equation20, Layered, LightField, Method
 from .visibility import MAX_COVERED
 
-BYTES_AT_LEAST = 20e6
+BYTES_AT_LEAST = 80e6
 """What is taken for the smallest picture."""
 
 BYTES_AT_ONCE = 30.0
 """For each of the samples that are gathered at once."""
 
-BYTES_OF_SUBPIXEL = 600.0
+BYTES_OF_SUBPIXEL = 480.0
 """For each subpixel of the samples' window: its fragment, its sums, and the picture."""
 
 BYTES_OF_HIDDEN = 100.0
 """For each hidden sample, most of which are fragments of their own."""
 
-COVERED = 3
+COVERED = 3.5
 """Fragments, for each hidden sample, at which points of the lens look one by one."""
 
-BYTES_OF_TABLE = 600.0
+BYTES_OF_TABLE = 320.0
 """For each subpixel, by tables."""
 
-BYTES_OF_TABLED = 60.0
+BYTES_OF_TABLED = 78.0
 """For each sample, by tables."""
 
 
@@ -38,7 +39,8 @@ def memory_of_focus(samples: PointSamples, method: Method, subpixels: int | None
     lens that came with the samples.
     """
     if subpixels is None:
-        subpixels = method.squares or method.default_squares(samples, samples.lens.aperture)
+        aperture = Aperture.parse(samples.lens.aperture)
+        subpixels = method.squares or method.default_squares(samples, aperture)
     size, count = samples.window.size * subpixels**2, len(samples)
     if isinstance(method, Equation20):
         return BYTES_AT_LEAST + BYTES_OF_TABLE * size + BYTES_OF_TABLED * count

@@ -24,7 +24,7 @@ from ..optics.usable import require_usable_together
 from ..samples.columns import COLUMNS, Columns, parts_of
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
-from .buffers import SampleBuffer
+from .buffers import MOST_KEPT, SampleBuffer
 from .elsewhere import seen_elsewhere
 from .exposing import exposed
 from .fireflies import Fireflies
@@ -183,6 +183,8 @@ def _sampled(
     visible = sample_visible(rays, window, sampling, fireflies)
     radius = _add_hidden(rays, visible, window, widest, sampling.layers, sweep)
     columns = visible.buffer.columns()
+    if len(columns) > MOST_KEPT:
+        dr.flush_malloc_cache()  # A picture of so many samples needs what Dr.Jit would keep.
     fireflies.clamp_all(columns)
     fireflies.warn(columns, crop)
     return PointSamples(

@@ -14,8 +14,11 @@ BYTES_AT_LEAST = 300e6
 BYTES_OF_RAY = 70.0
 """What each ray of a pass takes while it is traced."""
 
-USUALLY_HIDDEN = 0.1
+USUALLY_HIDDEN = 0.07
 """Hidden samples for each that the pinhole sees. Crowded scenes have up to one, and more."""
+
+BYTES_OF_HIDDEN = 100.0
+"""What a hidden sample takes, beside its columns, until it is added."""
 
 BYTES_OF_WINDOWS = 40.0
 """What is found out of a sample where there are mirrors and glass, beside its columns."""
@@ -37,7 +40,9 @@ def memory_of_sampling(
     )
     if follows_windows:
         of_sample += BYTES_OF_WINDOWS
-    hidden = USUALLY_HIDDEN if sampling.layers > 1 else 0.0
+    each = of_sample
+    if sampling.layers > 1:
+        each += USUALLY_HIDDEN * (of_sample + BYTES_OF_HIDDEN)
     count = visible_count(crop, window, spp, sampling)
     at_once = BYTES_OF_RAY * min(count, WAVEFRONT)
-    return BYTES_AT_LEAST + at_once + of_sample * (1 + hidden) * count
+    return BYTES_AT_LEAST + at_once + each * count
