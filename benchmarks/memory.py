@@ -4,6 +4,7 @@ Point samples of a scene with a `potmesil` sensor, the paper's by default, are r
 of any size and focused; after each step the largest memory of the process so far is printed.
 
     python benchmarks/memory.py
+    python benchmarks/memory.py --width 3840 --height 2160 --spp 16 --method layered --limit 12
     python benchmarks/memory.py --scene scenes/terrace.xml
     python benchmarks/memory.py --width 480 --height 270       # a quick try
 """
@@ -22,9 +23,8 @@ import numpy as np
 from common import console
 
 import potmesil_mi as pm
-
-BYTES_PER_SAMPLE = 36
-"""Nine columns of four bytes: x, y, r, g, b, alpha, z, surface, weight."""
+from potmesil_mi.focusing.memory import memory_of_focus
+from potmesil_mi.tracing.sensor import sensor_parameters
 
 
 def main() -> None:
@@ -37,7 +37,8 @@ def main() -> None:
     options.add_argument(
         "--focus-distances", type=float, nargs="+", help="by default 290 and 2000 mm"
     )
-    options.add_argument("--tables", type=int, default=73)
+    options.add_argument("--method", default="paper", help="layered, lightfield or paper")
+    options.add_argument("--tables", type=int, default=73, help="of the method paper")
     options.add_argument("--limit", type=float, default=8.0, help="memory to stay within, in GiB")
     arguments = options.parse_args()
     common.start(arguments)
@@ -49,9 +50,11 @@ def main() -> None:
 
     samples = steps.run("point samples", lambda: pm.render_samples(scene, sensor, seed=0))
     console.print(
-        f"{len(samples):,} samples of {BYTES_PER_SAMPLE} bytes: "
-        f"{len(samples) * BYTES_PER_SAMPLE / 2**30:.2f} GiB"
+        f"{len(samples):,} samples of {samples.nbytes / len(samples):.0f} bytes: "
+        f"{samples.nbytes / 2**30:.2f} GiB"
     )
+    needed = memory_of_focus(samples, pm.Method.parse(arguments.method))
+    console.print(f"a focus is said to take {needed / 2**30:.2f} GiB beside them")
     in_units = samples.lens.millimeters_per_unit
     for distance in arguments.focus_distances or (290 / in_units, 2000 / in_units):
         lens = samples.lens.replace(f_number=arguments.f_number, focus_distance=distance)
@@ -60,7 +63,7 @@ def main() -> None:
         steps.run(
             f"focused at {distance:g}, circles up to {circle:.0f} pixels",
             lambda lens=lens: np.array(
-                pm.focus(samples, lens, method="paper", tables=arguments.tables)
+                pm.focus(samples, lens, method=arguments.method, tables=arguments.tables)
             ),
         )
     console.print(steps.table)
@@ -90,7 +93,7 @@ def wide(sensor: mi.Sensor, width: int, height: int, spp: int) -> mi.Sensor:
                 "component_format": "float32",
                 "rfilter": {"type": "box"},
             },
-            **lens.parameters(),
+            **sensor_parameters(lens),
         }
     )
 

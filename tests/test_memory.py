@@ -1,13 +1,18 @@
 """What would take more memory than there is is refused before it begins, with what takes less."""
 
+import functools
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import _memory
 from potmesil_mi.cli import main
+from potmesil_mi.focusing.memory import BYTES_OF_HIDDEN, BYTES_OF_SUBPIXEL, memory_of_focus
+from potmesil_mi.tracing.memory import BYTES_OF_RAY, memory_of_sampling
+from potmesil_mi.tracing.patterns import visible_count
 from scenes import SCENES, still_life, synthetic
 
 FIGURE = str(SCENES / "figure11.xml")
@@ -102,6 +107,38 @@ def test_sampling_and_focusing_say_what_they_would_take(variant_llvm, monkeypatc
         pm.focus(samples, method="lightfield", squares=4)
     monkeypatch.setenv(_memory.VARIABLE, "100M")
     pm.focus(samples, method="lightfield", squares=4)
+
+
+def test_what_sampling_would_take_counts_its_samples_and_their_columns(variant_llvm):
+    scene = still_life()
+    samples = pm.render_samples(scene, sampling=pm.Sampling(overscan=40, features=True))
+    crop, window, spp = samples.crop_window, samples.window, 4
+    take = functools.partial(memory_of_sampling, crop, window, spp)
+    plain = pm.Sampling(layers=1, refine=0)
+    count = visible_count(crop, window, spp, plain)
+    assert count < window.size * spp  # Far from the crop window cells are larger.
+    assert count == int((samples.layer == 0).sum()) - spp * crop.size // 4
+    more = pm.Sampling(layers=1, refine=1)
+    of_sample = synthetic(100).nbytes / 100
+    expected = crop.size * spp * (of_sample + BYTES_OF_RAY)
+    assert take(more, False) - take(plain, False) == pytest.approx(expected)
+    features = take(pm.Sampling(layers=1, refine=0, features=True), False)
+    assert features - take(plain, False) == pytest.approx(24 * count)
+    assert take(plain, True) > take(plain, False)
+
+
+def test_what_a_focus_would_take_counts_subpixels_hidden_samples_and_points_of_the_lens():
+    few, many = synthetic(100), synthetic(400)
+    behind = few.replace(layer=np.ones(100, np.uint8))
+    layered = memory_of_focus(few, pm.Layered())
+    assert memory_of_focus(few, pm.Layered(), 1) == layered
+    finer = memory_of_focus(few, pm.Layered(squares=2))
+    assert finer - layered > 3 * BYTES_OF_SUBPIXEL * few.window.size
+    assert memory_of_focus(behind, pm.Layered()) > layered + 100 * BYTES_OF_HIDDEN
+    for method in (pm.Layered(squares=1), pm.LightField(squares=1), pm.Equation20()):
+        assert memory_of_focus(many, method) > memory_of_focus(few, method)
+    points = memory_of_focus(few, pm.Layered(lens_points=64, squares=1))
+    assert points > memory_of_focus(few, pm.Layered(lens_points=32, squares=1))
 
 
 def test_a_large_picture_ends_in_a_line_before_it_is_sampled(tmp_path, capsys):

@@ -11,6 +11,7 @@ import dataclasses
 import math
 from typing import NamedTuple
 
+import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
@@ -50,6 +51,11 @@ EXACT_KEPT_RADIUS = 16
 FINE_KEPT_RADIUS = 4
 """The same on fine subpixels, on which ``layered`` takes more kernels in parts of the same size in
 pixels."""
+
+
+MOST_KEPT = 1 << 22
+"""Subpixels up to which Dr.Jit keeps the memory by which samples were gathered for the next ones:
+of larger pictures the fragments need it."""
 
 
 class Visibility(NamedTuple):
@@ -131,6 +137,8 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
         gathered = gather_with_known(
             samples, subpixels, radius, alpha, degree, detail_degree=detailed
         )
+        if samples.window.size * subpixels**2 > MOST_KEPT:
+            dr.flush_malloc_cache()
         found = evened(gathered.fragments, subpixels, gathered.detail)
         found = found._replace(seen=gathered.seen)
         return found._replace(fragments=located(found.fragments)) if diffracts else found

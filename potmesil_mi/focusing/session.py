@@ -29,12 +29,10 @@ from ..samples.point_samples import PointSamples
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
+from .memory import memory_of_focus
 from .methods import Method, MethodName
 from .telecentric import changed, require_usable
 from .traps import warn_of_traps
-
-BYTES_PER_SUBPIXEL = 450.0
-"""Memory that a focus takes at its largest for each subpixel of the samples' window, about."""
 
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
@@ -164,7 +162,7 @@ def form_picture(
     subpixels = method.squares
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
-    _require_memory(samples, subpixels)
+    _require_memory(samples, method, subpixels)
     warn_of_traps(samples, given_lens, memo, depth=3)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
@@ -196,11 +194,11 @@ def form_picture(
         return jit.TensorXf(picture.astype(np.float32, copy=False))
 
 
-def _require_memory(samples: PointSamples, subpixels: int) -> None:
-    """Raise ``MemoryError`` where the subpixels alone take more than there is."""
+def _require_memory(samples: PointSamples, method: Method, subpixels: int) -> None:
+    """Raise ``MemoryError`` where the picture takes more than there is."""
     window = samples.window
     require_memory(
-        BYTES_PER_SUBPIXEL * window.width * window.height * subpixels**2,
+        memory_of_focus(samples, method, subpixels),
         f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels",
         "a crop of the samples and fewer squares take less",
     )

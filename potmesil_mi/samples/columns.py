@@ -43,6 +43,9 @@ MOST_IDS = (1 << 32) - 1
 VISIBILITY_POINTS = 64
 """Points of the lens, one for each bit of ``visibility``."""
 
+AT_ONCE = 1 << 22
+"""Samples that are looked at together where what is found out of them takes memory of its own."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Columns:
@@ -144,6 +147,10 @@ class Columns:
         columns: dict[str, Any] = {f.name: getattr(self, f.name)[which] for f in self.present()}
         return dataclasses.replace(self, **columns)
 
+    def view(self, part: slice) -> Columns:
+        """The samples of a slice, in the memory of these."""
+        return Columns(**{field.name: getattr(self, field.name)[part] for field in self.present()})
+
     def _conditions(self) -> Iterator[np.ndarray]:
         """What has to be true of samples of which a picture is formed, bool (N,) or (N, 3)."""
         for values in (self.rgb, self.alpha, self.x, self.y, self.weight):
@@ -165,7 +172,11 @@ class Columns:
     @property
     def all_valid(self) -> bool:
         """Whether a picture can be formed of every sample: see :meth:`is_valid`."""
-        return all(bool(condition.all()) for condition in self._conditions())
+        return all(
+            bool(condition.all())
+            for part in parts_of(len(self))
+            for condition in self.view(part)._conditions()
+        )
 
     def is_valid(self) -> np.ndarray:
         """Of which samples a picture can be formed, bool (N,).
@@ -192,6 +203,11 @@ class Columns:
         # New memory of this size takes longer to get than to fill.
         for_each(join, [field for field in COLUMNS if any(field.name in own for own in names)])
         return Columns(**columns)
+
+
+def parts_of(count: int) -> list[slice]:
+    """Parts of ``count`` samples, in their order, of ``AT_ONCE`` of them."""
+    return [slice(start, min(start + AT_ONCE, count)) for start in range(0, count, AT_ONCE)]
 
 
 def require_beside_columns(surfaces: Any, radius: Any, known: bool) -> None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .columns import Columns
+from .grouping import in_rows
 from .raster import Window
 
 ENOUGH_TO_COUNT = 1 << 18
@@ -27,9 +28,7 @@ def primary_rays(samples: Columns, crop: Window, window: Window, on_lattice: boo
     every = 1 if on_lattice else min(-(-len(samples) // ENOUGH_TO_COUNT), crop.height)
     pixels = len(range(every // 2, crop.height, every)) * crop.width
     if every > 1:
-        rows = samples.y.astype(np.int32)
-        rows -= crop.top + every // 2
-        some = np.flatnonzero(rows // every * every == rows)  # Faster than remainders.
+        some = in_rows(samples.y, crop.top + every // 2, every)
     x, y = samples.x[some], samples.y[some]
     own = crop.shows(x, y, window) & (samples.layer[some] == 0)
     weight = samples.weight[some][own]

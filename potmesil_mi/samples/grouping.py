@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .columns import parts_of
+
 DENSE = 4
 """Keys whose range is up to so many times their number are counted, and not sorted."""
 
@@ -29,3 +31,14 @@ def grouped(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first = np.empty(np.count_nonzero(present), np.int64)
     first[number[::-1]] = np.arange(len(keys) - 1, -1, -1)  # The last that is written stays.
     return number, first
+
+
+def in_rows(y: np.ndarray, first: int, every: int) -> np.ndarray:
+    """Index, int64 (n,), of positions ``y``, (N,), in row ``first`` and ``every`` so many rows."""
+    found = [np.empty(0, np.int64)]
+    for part in parts_of(len(y)):
+        rows = y[part].astype(np.int32)
+        rows -= first
+        # Remainders take longer.
+        found.append(part.start + np.flatnonzero(rows // every * every == rows))
+    return np.concatenate(found)

@@ -23,7 +23,7 @@ from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
-from .columns import OF_DEFAULT, TWINS, Columns, require_beside_columns, visibility_points
+from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
 from .header import Header
 from .image_layers import Hidden
@@ -265,10 +265,11 @@ class PointSamples(Columns):
         Hidden twins do not count, whose like is visible, nor what is seen in windows from elsewhere
         in the lens, which is known of it.
         """
-        behind = (self.layer > 0) & (self.layer < TWINS)
-        hidden = self.weight[behind].sum(dtype=np.float64)
-        visible = self.weight[self.layer == 0].sum(dtype=np.float64)
-        return float(hidden / visible) if visible > 0 else 0.0
+        sums = np.zeros(2)
+        for part in parts_of(len(self)):
+            layer, weight = self.layer[part], self.weight[part].astype(np.float64)
+            sums += weight[(layer > 0) & (layer < TWINS)].sum(), weight[layer == 0].sum()
+        return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
 
     @property
     def is_crowded(self) -> bool:
@@ -304,7 +305,10 @@ class PointSamples(Columns):
     def visible(self) -> PointSamples:
         """What the pinhole sees: the samples of layer 0."""
         first = self.layer == 0
-        return self if first.all() else self.chosen(first)
+        count = int(np.count_nonzero(first))
+        # What is hidden mostly comes last, and nothing has to be copied.
+        which = slice(count) if first[:count].all() else first
+        return self if count == len(self) else self.chosen(which)
 
     def pixel(self) -> np.ndarray:
         """Index of each sample's pixel in ``window``, row by row, int64 (N,).

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import COLUMNS, Columns
+from ..samples.columns import COLUMNS, Columns, is_optional, parts_of
 
 SCHEMA = {field.name: field for field in COLUMNS}
 """The schema of the columns by their names."""
+
+KINDS = {np.float32: "Float32", np.uint32: "UInt32", np.uint8: "UInt8"}
+"""Mitsuba's names of the types of columns that all samples have."""
+
+MOST_KEPT = 1 << 25
+"""Samples up to which their memory is kept for the next ones."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +65,10 @@ class Shown:
     def empty(cls, count: int) -> Shown:
         """Memory for ``count`` rays."""
         return cls(
-            rgb=_empty(mi.Float, 3 * count).reshape(count, 3),
-            alpha=_empty(mi.Float, count),
-            z=_empty(mi.Float, count),
-            surface=_empty(mi.UInt32, count),
+            rgb=_empty("rgb", count),
+            alpha=_empty("alpha", count),
+            z=_empty("z", count),
+            surface=_empty("surface", count),
         )
 
     @classmethod
@@ -143,22 +150,14 @@ class SampleBuffer:
     """Samples as they come in: memory for ``capacity`` of them is taken at once, then filled.
 
     Memory that is not written to costs nothing, so ``capacity`` may be generous. More is taken
-    where it is too little.
+    where it is too little. Nothing is copied but what has to be, and that column by column.
     """
 
     def __init__(self, capacity: int) -> None:
-        shown = Shown.empty(capacity)
         self._count = 0
-        self._memory = Columns(
-            x=_empty(mi.Float, capacity),
-            y=_empty(mi.Float, capacity),
-            rgb=shown.rgb,
-            alpha=shown.alpha,
-            z=shown.z,
-            surface=shown.surface,
-            weight=_empty(mi.Float, capacity),
-            layer=_empty(mi.UInt8, capacity),
-        )
+        self._memory = {
+            field.name: _empty(field.name, capacity) for field in COLUMNS if not is_optional(field)
+        }
 
     def __len__(self) -> int:
         return self._count
@@ -176,47 +175,63 @@ class SampleBuffer:
         ``x``, ``y`` (N,) are positions in pixels of the film; ``weight`` is that of each sample,
         or of all of them.
         """
-        start, end = self._count, self._count + len(x)
-        if end > len(self._memory):
-            self._grow(2 * end - start)
-        part = slice(start, end)
-        self._put(part, shown)
-        memory = self._memory
-        memory.x[part], memory.y[part] = x, y
-        memory.weight[part], memory.layer[part] = weight, layer
-        self._count = end
+        self._append({"x": x, "y": y, "weight": weight, "layer": layer, **shown.columns()}, len(x))
+
+    def extend(self, columns: Columns) -> None:
+        """Put samples of any columns behind those that there are."""
+        values = {field.name: getattr(columns, field.name) for field in columns.present()}
+        self._append(values, len(columns))
 
     def put(self, which: np.ndarray, shown: Shown, weight: np.ndarray) -> None:
         """Overwrite the samples ``which``, int (N,), with others of the same positions."""
-        self._put(which, shown)
-        self._memory.weight[which] = weight
+        of_shown = {field.name for field in dataclasses.fields(Shown)} & self._memory.keys()
+        nothing = dict.fromkeys(of_shown, 0)
+        self._put(which, {**nothing, **shown.columns(), "weight": weight})
+
+    def set(self, name: str, column: np.ndarray) -> None:
+        """Give all samples an optional column, whose memory becomes that of the buffer."""
+        self._memory[name] = column
+
+    def keep(self, which: np.ndarray) -> None:
+        """Keep only the samples of which ``which``, bool (N,), is true.
+
+        The columns of before show others then: they are moved together in their own memory.
+        """
+        if which.all():
+            return
+        for memory in self._memory.values():
+            end = 0
+            for part in parts_of(self._count):
+                kept = memory[part][which[part]]
+                memory[end : end + len(kept)] = kept
+                end += len(kept)
+        self._count = int(np.count_nonzero(which))
 
     def columns(self) -> Columns:
         """The samples so far, in the buffer's own memory."""
-        return Columns(**{name: array[: self._count] for name, array in self._arrays()})
+        return Columns(**{name: memory[: self._count] for name, memory in self._memory.items()})
 
-    def _put(self, which: np.ndarray | slice, shown: Shown) -> None:
-        """Overwrite what samples show. A column that is new to the memory has zeros elsewhere."""
-        columns = shown.columns()
-        new = [name for name in columns if getattr(self._memory, name) is None]
-        if new:
-            zeros = {name: _zeros(name, len(self._memory)) for name in new}
-            self._memory = dataclasses.replace(self._memory, **zeros)
-        for name, memory in self._arrays():
-            if name in vars(shown):
-                memory[which] = columns.get(name, 0)
+    def _append(self, values: Mapping[str, np.ndarray | float], count: int) -> None:
+        """Put ``count`` samples behind those that there are; columns that they lack are 0."""
+        part = slice(self._count, self._count + count)
+        for name, memory in self._memory.items():
+            if part.stop > len(memory):
+                self._memory[name] = self._moved(memory, part.stop + count)
+        self._count = part.stop
+        self._put(part, {**dict.fromkeys(self._memory, 0), **values})
 
-    def _arrays(self) -> list[tuple[str, np.ndarray]]:
-        """The memory of each column, by its name."""
-        return [(f.name, getattr(self._memory, f.name)) for f in self._memory.present()]
+    def _put(self, which: np.ndarray | slice, values: Mapping[str, np.ndarray | float]) -> None:
+        """Overwrite columns of some samples. One that is new to the memory is 0 elsewhere."""
+        for name, column in values.items():
+            if name not in self._memory:
+                self._memory[name] = _zeros(name, len(self._memory["x"]))
+            self._memory[name][which] = column
 
-    def _grow(self, capacity: int) -> None:
-        """Move the samples to memory for ``capacity`` of them."""
-        larger = {}
-        for name, array in self._arrays():
-            larger[name] = np.empty((capacity, *array.shape[1:]), dtype=array.dtype)
-            larger[name][: self._count] = array[: self._count]
-        self._memory = Columns(**larger)
+    def _moved(self, memory: np.ndarray, capacity: int) -> np.ndarray:
+        """The samples of a column in memory for ``capacity`` of them."""
+        larger = np.empty((capacity, *memory.shape[1:]), dtype=memory.dtype)
+        larger[: self._count] = memory[: self._count]
+        return larger
 
 
 def _zeros(name: str, count: int) -> np.ndarray:
@@ -224,11 +239,14 @@ def _zeros(name: str, count: int) -> np.ndarray:
     return np.zeros(_shape(name, count), SCHEMA[name].metadata["dtype"])
 
 
-def _empty(kind: type, count: int) -> np.ndarray:
-    """Memory for numbers; on the CPU of Dr.Jit, which keeps it for the next samples.
+def _empty(name: str, count: int) -> np.ndarray:
+    """Memory for a column; on the CPU of Dr.Jit, which keeps it for the next samples.
 
-    What NumPy gives back to the system is slow to get again.
+    What NumPy gives back to the system is slow to get again. Of many samples that is little of the
+    time that they take, and Dr.Jit would take up to twice what they need.
     """
-    if dr.backend_v(kind) == dr.JitBackend.LLVM:
-        return np.asarray(dr.empty(kind, count))
-    return np.empty(count, dtype=np.asarray(dr.empty(kind, 1)).dtype)
+    shape, dtype = _shape(name, count), SCHEMA[name].metadata["dtype"]
+    kind = getattr(mi, KINDS[dtype])
+    if count > MOST_KEPT or dr.backend_v(kind) != dr.JitBackend.LLVM:
+        return np.empty(shape, dtype)
+    return np.asarray(dr.empty(kind, math.prod(shape))).reshape(shape)

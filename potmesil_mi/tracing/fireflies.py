@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import scipy.ndimage
 
-from ..samples.columns import Columns
+from ..samples.columns import Columns, parts_of
 from ..samples.raster import Window
 from .shapes import emitter_ids
 
@@ -66,33 +66,45 @@ class Fireflies:
             rgb[index] *= (self.clamp / brightness[index])[:, None]
         return rgb
 
+    def clamp_all(self, columns: Columns) -> None:
+        """Clamp the radiance of ``columns`` in their own memory: see :meth:`clamped`."""
+        for part in parts_of(len(columns)) if self.clamp is not None else []:
+            rgb, surface, z = columns.rgb[part], columns.surface[part], columns.z[part]
+            columns.rgb[part] = self.clamped(rgb, surface, z)
+
     def warn(self, columns: Columns, crop: Window) -> None:
         """Warn where there are any in the window ``crop`` of ``columns``, and no ``clamp``."""
         if self.clamp is not None:
             return
-        with np.errstate(over="ignore", invalid="ignore"):
-            light = _brightest(columns.rgb) * columns.weight
-            if not np.isfinite(light.sum()):
-                light = np.nan_to_num(light, nan=0, posinf=0, neginf=0)
-        mean = float(light.sum(dtype=np.float64) / columns.weight.sum())
-        index = np.flatnonzero(light > BRIGHT_DISC * DARKEST * mean)
-        index = index[crop.contains(columns.x[index], columns.y[index])]
-        index = index[~self._shows_lamp(columns.surface[index], columns.z[index])]
+        parts = [columns.view(part) for part in parts_of(len(columns))]
+        sums = [_light_of(part).sum(dtype=np.float64) for part in parts]
+        mean = float(sum(sums) / columns.weight.sum())
+        found = []
+        for part, rows in zip(parts, parts_of(len(columns)), strict=True):
+            index = np.flatnonzero(_light_of(part) > BRIGHT_DISC * DARKEST * mean)
+            index = index[crop.contains(part.x[index], part.y[index])]
+            index = index[~self._shows_lamp(part.surface[index], part.z[index])]
+            found.append(rows.start + index)
+        index = np.concatenate(found)
         if len(index) == 0:
             return
-        light *= crop.contains(columns.x, columns.y)
-        pixel = crop.pixel_of(columns.x, columns.y)
-        picture = np.bincount(pixel, light, minlength=crop.size).reshape(crop.shape)
+        picture = np.zeros(crop.size)
+        for part in parts:
+            light = _light_of(part) * crop.contains(part.x, part.y)
+            picture += np.bincount(crop.pixel_of(part.x, part.y), light, minlength=crop.size)
         square = np.ones((AROUND, AROUND))
         square[AROUND // 2, AROUND // 2] = 0
-        around = scipy.ndimage.correlate(picture, square / square.sum(), mode="nearest")
+        around = scipy.ndimage.correlate(
+            picture.reshape(crop.shape), square / square.sum(), mode="nearest"
+        )
         around = np.maximum(around, DARKEST * mean).ravel()
-        allowed = BRIGHT_DISC * around[pixel[index]]
-        is_one = light[index] > allowed
+        chosen = columns.chosen(index)
+        light, allowed = _light_of(chosen), BRIGHT_DISC * around[crop.pixel_of(chosen.x, chosen.y)]
+        is_one = light > allowed
         if not is_one.any():
             return
-        index, allowed = index[is_one], allowed[is_one]
-        brightest, limit = float(light[index].max()), float((allowed / columns.weight[index]).min())
+        index, light, allowed = index[is_one], light[is_one], allowed[is_one]
+        brightest, limit = float(light.max()), float((allowed / columns.weight[index]).min())
         warnings.warn(
             f"radiance: {len(index)} of {len(columns)} samples show no lamp and are as bright as "
             f"{BRIGHT_DISC} pixels around them together, at most {brightest / mean:.0f} times the "
@@ -105,6 +117,15 @@ class Fireflies:
     def _shows_lamp(self, surface: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Which samples, bool (N,), show a lamp or the sky."""
         return np.isin(surface, self.lamps) | ~np.isfinite(z)
+
+
+def _light_of(columns: Columns) -> np.ndarray:
+    """The light of samples, float32 (N,): of the brightest colour, 0 where it is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        light: np.ndarray = _brightest(columns.rgb) * columns.weight
+        if not np.isfinite(light.sum()):
+            light = np.nan_to_num(light, nan=0, posinf=0, neginf=0)
+    return light
 
 
 def _brightest(rgb: np.ndarray) -> np.ndarray:

@@ -21,14 +21,16 @@ from ..motion.motion import Motion
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, as_thin_lens
 from ..optics.usable import require_usable_together
-from ..samples.columns import COLUMNS, Columns
+from ..samples.columns import COLUMNS, Columns, parts_of
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .buffers import MOST_KEPT, SampleBuffer
 from .elsewhere import seen_elsewhere
 from .exposing import exposed
 from .fireflies import Fireflies
 from .lens_rays import LensRays
 from .lobes import part_lobes
+from .memory import memory_of_sampling
 from .onward import has_specular
 from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
@@ -43,10 +45,6 @@ from .shapes import surface_ids
 from .splitting import split
 from .sweeping import Sweep
 from .transmission import VeilKinds, veil_kinds
-
-BYTES_AT_LEAST, BYTES_PER_RAY = 300e6, 90.0
-"""Memory that sampling takes at its largest, beside the scene: at least, and for each ray of the
-pinhole. Crowded scenes have taken twice as much."""
 
 SAME_DEPTH = 1e-5
 """Ratio, less 1, of depths of one thing that was traced twice."""
@@ -176,18 +174,19 @@ def _sampled(
         window = overscan(rays, widest, MOST_OVERSCAN_OF_GRIDS if on_grid else MOST_OVERSCAN)
     if sweep is not None:
         window = window.grown(math.ceil(sweep.reach))
-    count = window.width * window.height * passes.spp * (1 + sampling.refine)
     require_memory(
-        BYTES_AT_LEAST + BYTES_PER_RAY * count,
+        memory_of_sampling(crop, window, passes.spp, sampling, rays.may_see_images),
         f"sampling {window.width}x{window.height} pixels, {passes.spp} samples each and "
         f"{sampling.refine:.0%} more,",
         "fewer samples (spp), a smaller film or crop windows of it take less",
     )
     fireflies = Fireflies.of(scene, ids, sampling.clamp)
     visible = sample_visible(rays, window, sampling, fireflies)
-    columns, radius = _with_hidden(rays, visible, window, widest, sampling.layers, sweep)
-    rgb = fireflies.clamped(columns.rgb, columns.surface, columns.z)
-    columns = dataclasses.replace(columns, rgb=rgb)
+    radius = _add_hidden(rays, visible, window, widest, sampling.layers, sweep)
+    columns = visible.buffer.columns()
+    if len(columns) > MOST_KEPT:
+        dr.flush_malloc_cache()  # A picture of so many samples needs what Dr.Jit would keep.
+    fireflies.clamp_all(columns)
     fireflies.warn(columns, crop)
     return PointSamples(
         **{column.name: getattr(columns, column.name) for column in COLUMNS},
@@ -201,70 +200,85 @@ def _sampled(
     )
 
 
-def _with_hidden(
+def _add_hidden(
     rays: PrimaryRays,
     visible: VisibleSamples,
     window: Window,
     widest: ThinLens | TelecentricLens,
     layers: int,
     sweep: Sweep | None,
-) -> tuple[Columns, tuple[float, float]]:
-    """``visible``, and what the widest lens sees behind them and in windows beside them.
+) -> tuple[float, float]:
+    """Add to ``visible`` what the widest lens sees behind them and in windows beside them.
 
-    In a ``sweep`` also what it sees at its ends. Also returns the half-widths of that lens.
+    In a ``sweep`` also what it sees at its ends. Returns the half-widths of that lens.
     """
     buffer, paths = visible.buffer, 1 if visible.lattice == 0 else rays.passes.spp
-    first, start = buffer.columns(), np.empty(0, np.float32)
-    primary = len(first)
-    lens = LensRays.of(rays, widest, float(first.z.min()))
+    primary, start = len(buffer), np.empty(0, np.float32)
+    lens = LensRays.of(rays, widest, float(buffer.columns().z.min()))
     windows = rays.may_see_images and not lens.telecentric and min(lens.radius) > 0
     seen = None
     if windows:
-        onward = visible.goes_on
-        places = first.x[onward], first.y[onward], np.zeros(len(onward), np.float32)
-        seen = seen_through(*places, rays, lens).among(primary, onward)
+        first = buffer.columns()
+        seen = seen_through(first.x, first.y, rays, lens, which=visible.goes_on)
+        del first  # Else there would be two of each column while memory grows.
     if layers > 1:
-        chosen = _may_hide(rays, first, seen, window, widest, sweep)
+        chosen = _may_hide(rays, buffer.columns(), seen, window, widest, sweep)
         if len(chosen) > 0:
             start = add_hidden(buffer, chosen, rays, lens, layers, paths, sweep)
+        del chosen
     lobes = []
     if seen is not None and rays.may_part_light:
         lobes = part_lobes(buffer, visible.goes_on, seen.through, rays, lens, paths, layers)
     if any(rays.veils):
         split(buffer, primary, rays, paths, lens.parallax if layers > 1 else 0.0)
-    columns = buffer.columns()
     if seen is not None and seen.through.any():
-        columns = _with_windows(columns, seen, start, rays, lens)
-    columns = Columns.joined([columns, *lobes])
+        _add_windows(buffer, seen, start, rays, lens)
+    del seen
+    for lobe in lobes:
+        buffer.extend(lobe)
+    columns = buffer.columns()
     images = columns.through is not None and columns.through.any()
     if images and layers > 1 and visible.lattice == 0:
         found = seen_elsewhere(rays, lens, window, columns, len(lobes))
-        columns = Columns.joined([columns, *found])
+        del columns
+        for each in found:
+            buffer.extend(each)
     if any(rays.veils):  # Some samples stand for others, whose weight is 0.
-        columns = columns.chosen(columns.weight > 0)
-    return columns, lens.radius
+        buffer.keep(buffer.columns().weight > 0)
+    return lens.radius
 
 
-def _with_windows(
-    columns: Columns, first: SeenThrough, start: np.ndarray, rays: PrimaryRays, lens: LensRays
-) -> Columns:
-    """``columns`` with what they are seen through, and which points of the ``lens`` see them.
+def _add_windows(
+    buffer: SampleBuffer, first: SeenThrough, start: np.ndarray, rays: PrimaryRays, lens: LensRays
+) -> None:
+    """Add to samples what they are seen through, and which points of the ``lens`` see them.
 
     ``first`` tells it of the samples that come first. The next begin at ``start`` on their rays,
     and what is behind those are parts of rays that veils have split.
     """
-    rest = columns.chosen(np.arange(len(first.through), len(columns)))
-    begins = np.zeros(len(rest), np.float32)
+    columns, primary = buffer.columns(), len(first.through)
+    x, y = columns.x[primary:], columns.y[primary:]
+    begins = np.zeros(len(x), np.float32)
     begins[: len(start)] = start
-    seen = first.followed_by(seen_through(rest.x, rest.y, begins, rays, lens))
-    # A veil before a window is not seen through it.
-    apart = (seen.through > 0) & ~np.isclose(columns.z, seen.depth, rtol=SAME_DEPTH, atol=0)
-    seen.through[apart] = seen.visibility[apart] = 0
-    # The pinhole does see what is visible; of the rest there may be what is out of sight.
-    unseen = (seen.through > 0) & (seen.visibility == 0)
-    seen.visibility[unseen & (columns.layer == 0)] = 1
-    columns = dataclasses.replace(columns, through=seen.through, visibility=seen.visibility)
-    return columns.chosen(~unseen | (columns.layer == 0))
+    rest = seen_through(x, y, rays, lens, begins)
+    through, visibility = (
+        np.concatenate(pair)
+        for pair in ((first.through, rest.through), (first.visibility, rest.visibility))
+    )
+    depth = np.concatenate([first.depth, rest.depth])
+    kept = np.empty(len(columns), dtype=bool)
+    for part in parts_of(len(columns)):
+        seen, by = through[part], visibility[part]
+        # A veil before a window is not seen through it.
+        apart = (seen > 0) & ~np.isclose(columns.z[part], depth[part], rtol=SAME_DEPTH, atol=0)
+        seen[apart] = by[apart] = 0
+        # The pinhole does see what is visible; of the rest there may be what is out of sight.
+        unseen, is_visible = (seen > 0) & (by == 0), columns.layer[part] == 0
+        by[unseen & is_visible] = 1
+        kept[part] = ~unseen | is_visible
+    buffer.set("through", through)
+    buffer.set("visibility", visibility)
+    buffer.keep(kept)
 
 
 def _may_hide(
@@ -281,7 +295,7 @@ def _may_hide(
         picture = as_thin_lens(first.z, lens, camera)
         first = dataclasses.replace(first, z=picture.depth(first.z))
         lens, camera = picture.lens, picture.camera
-    if seen is not None:
+    if seen is not None and seen.through.any():
         depth = np.where(seen.through > 0, seen.through, first.z)
         first = dataclasses.replace(first, z=depth)
     return may_hide(first, window, lens, camera, 0.0 if sweep is None else sweep.reach)

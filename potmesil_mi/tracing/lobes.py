@@ -54,10 +54,11 @@ def part_lobes(
     """
     primary, count = len(through), len(which)
     columns = buffer.columns()
-    x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary].copy()
+    x, y, weight = columns.x[:primary], columns.y[:primary], columns.weight[:primary]
     number = np.repeat(np.arange(MOST_LOBES, dtype=np.uint32), count)
     at_x, at_y = (np.tile(of[which], MOST_LOBES) for of in (x, y))
-    seen = seen_through(at_x, at_y, np.zeros(len(number), np.float32), rays, lens, number)
+    seen = seen_through(at_x, at_y, rays, lens, lesser=number)
+    del at_x, at_y
     share = share_of(seen.share)
     # Only what one surface parts is parted by a second one.
     share[np.tile(seen.share[:count] == 0, MOST_LOBES)] = 0
@@ -71,9 +72,10 @@ def part_lobes(
 
     shown = rays.passes.averaged(x[where], y[where], trace, LABEL, number, paths=paths)
     # What the rays keep of their light, and the part of them.
-    light, kept = columns.rgb[:primary].astype(np.float64), np.ones(primary)
-    np.subtract.at(light, where, shown.rgb)
-    np.subtract.at(kept, where, share)
+    lit, of_lit = np.unique(where, return_inverse=True)
+    light, kept = columns.rgb[lit].astype(np.float64), np.ones(len(lit))
+    np.subtract.at(light, of_lit, shown.rgb)
+    np.subtract.at(kept, of_lit, share)
     # The pinhole does see it.
     seen.visibility[(seen.through > 0) & (seen.visibility == 0)] = 1
     parted = Columns(
@@ -90,14 +92,14 @@ def part_lobes(
         albedo=shown.albedo,
         normal=shown.normal,
     )
-    lit = np.flatnonzero(kept < 1)
-    rgb = (light[lit] / kept[lit, None]).astype(np.float32)
+    rgb = (light / kept[:, None]).astype(np.float32)
     kept_light = dataclasses.replace(Shown.of(columns, lit), rgb=rgb)
-    buffer.put(lit, kept_light, weight[lit] * kept[lit])
+    of_ray = weight[lit]
+    buffer.put(lit, kept_light, of_ray * kept)
     if layers > 1:
         beside = through[lit] == 0
         twins = lit[beside]
-        shares = weight[twins] * (1 - kept[twins])
+        shares = of_ray[beside] * (1 - kept[beside])
         buffer.add(x[twins], y[twins], kept_light[beside], shares, TWINS)
     return [parted.chosen(number == lobe) for lobe in np.unique(number)]
 

@@ -7,7 +7,8 @@ steps of ``1 / lattice`` pixels from the window's corner, and trace no rays.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 
 import drjit as dr
 import mitsuba as mi
@@ -24,6 +25,12 @@ from .passes import gathered, wavefronts
 from .rays import PrimaryRays
 from .refinement import further_sets, mean_sharpness, pixel_score
 from .sampling import Sampling
+
+ROOM_FOR_HIDDEN = 0.5
+"""There is room for so many hidden samples for each that the pinhole sees."""
+
+MOST_FURTHER = 1.05
+"""There is room for so many samples for each that refinement is to add: it meets it nearly."""
 
 PAPERS_LATTICE = 2
 """Points of the paper's grid on a side of a pixel: corners, middles of edges and centres."""
@@ -90,8 +97,9 @@ def _by_sampler(
     """
     spp = rays.passes.spp
     parts = sampler_cells(rays.crop, window)
-    # There is room for as many hidden samples, too.
-    buffer = SampleBuffer(sum(map(len, parts)) * spp * min(sampling.layers, 2))
+    hidden = ROOM_FOR_HIDDEN if sampling.layers > 1 else 0.0
+    further = sampling.refine * MOST_FURTHER * len(parts[0])
+    buffer = SampleBuffer(math.ceil((sum(map(len, parts)) + further) * spp * (1 + hidden)))
     go_on = [_sample_cells(buffer, rays, cells, cells.area / spp) for cells in parts]
     if sampling.refine > 0:
         go_on.append(_refine(buffer, rays, parts[0], sampling, fireflies))
@@ -155,8 +163,8 @@ class Cells:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``left``, ``top``             int64 (N,), first column and first row of pixels of the film
-    ``width``, ``height``         int64 (N,), columns and rows
+    ``left``, ``top``             int32 (N,), first column and first row of pixels of the film
+    ``width``, ``height``         int32 (N,), columns and rows
     ============================  ==========================================================
     """
 
@@ -168,8 +176,8 @@ class Cells:
     @classmethod
     def of(cls, window: Window, size: int) -> Cells:
         """Squares of ``size`` pixels a side, row by row; less at the right and below."""
-        columns = np.arange(window.left, window.right, size)
-        rows = np.arange(window.top, window.bottom, size)
+        columns = np.arange(window.left, window.right, size, dtype=np.int32)
+        rows = np.arange(window.top, window.bottom, size, dtype=np.int32)
         left, top = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
         width = np.minimum(window.right - left, size)
         return cls(left, top, width, np.minimum(window.bottom - top, size))
@@ -206,7 +214,7 @@ class Cells:
 
     @property
     def area(self) -> np.ndarray:
-        """Pixels of each, int64 (N,)."""
+        """Pixels of each, int32 (N,)."""
         return self.width * self.height
 
     def positions(self, within: mi.Point2f, each: int) -> tuple[mi.Point2f, mi.Point2f]:
@@ -231,7 +239,29 @@ def sampler_cells(crop: Window, window: Window) -> list[Cells]:
     circles of confusion reach that far, or its parallax does, so it needs no finer cells: those
     ``FINE`` times ``size`` pixels away and more may be twice that size.
     """
-    parts, inner, size = [Cells.of(crop, 1)], crop, 1
+    return [
+        Cells.joined([Cells.of(strip, size) for strip in strips])
+        for size, strips in _rings(crop, window)
+    ]
+
+
+def visible_count(crop: Window, window: Window, spp: int, sampling: Sampling) -> int:
+    """How many samples :func:`sample_visible` takes; of ``adaptive`` ones at least so many."""
+    if sampling.pattern != "sampler":
+        steps = PAPERS_LATTICE if sampling.pattern == "uniform" else 1
+        return (steps * window.width + 1) * (steps * window.height + 1)
+    cells = sum(
+        -(-strip.width // size) * -(-strip.height // size)
+        for size, strips in _rings(crop, window)
+        for strip in strips
+    )
+    return math.ceil(spp * (cells + sampling.refine * crop.size))
+
+
+def _rings(crop: Window, window: Window) -> Iterator[tuple[int, list[Window]]]:
+    """The parts of ``window``, from ``crop`` outwards: the size of their cells, and strips."""
+    inner, size = crop, 1
+    yield size, [crop]
     while inner != window:
         outer = crop.grown(2 * size * FINE).intersection(window)
         beside = inner.height
@@ -241,11 +271,10 @@ def sampler_cells(crop: Window, window: Window) -> list[Cells]:
             Window(inner.right, inner.top, outer.right - inner.right, beside),
             Window(outer.left, inner.bottom, outer.width, outer.bottom - inner.bottom),
         ]
-        around = [Cells.of(strip, size) for strip in strips if not strip.is_empty]
+        around = [strip for strip in strips if not strip.is_empty]
         if around:
-            parts.append(Cells.joined(around))
+            yield size, around
         inner, size = outer, 2 * size
-    return parts
 
 
 def _before(position: mi.Float, end: mi.Float) -> mi.Float:

@@ -117,6 +117,7 @@ def add_hidden(
         parts.append(peeled(number, *place, cells[part], rays, lens, layers, hides))
     hidden = Hidden.joined(parts)
     x, y, weight = first.x[hidden.of], first.y[hidden.of], first.weight[hidden.of]
+    del first  # Else there would be two of each column while memory grows.
     buffer.add(x, y, shaded(hidden, x, y, rays, paths), weight, hidden.layer)
     return hidden.start
 
@@ -364,17 +365,26 @@ def may_hide(
     scale = widest_radius_per_vergence(lens, camera, float(visible.z.min()))
     if scale == 0 and reach == 0:
         return np.empty(0, dtype=np.int64)
-    columns = (visible.x, visible.y, visible.z)
-    x, y, depth = (from_numpy(mi.Float, column) for column in columns)
-    index = _pixel_of(window, x, y)
+    parts = wavefronts(len(visible), 1)
+
+    def pixels_of(part: slice) -> mi.UInt32:
+        x, y = (from_numpy(mi.Float, column[part]) for column in (visible.x, visible.y))
+        return _pixel_of(window, x, y)
+
     nearest = dr.full(mi.Float, dr.inf, window.size)
     farthest = dr.zeros(mi.Float, window.size)
-    dr.scatter_reduce(dr.ReduceOp.Min, nearest, depth, index)
-    dr.scatter_reduce(dr.ReduceOp.Max, farthest, depth, index)
-    dr.eval(nearest, farthest)
+    for part in parts:
+        index, depth = pixels_of(part), from_numpy(mi.Float, visible.z[part])
+        dr.scatter_reduce(dr.ReduceOp.Min, nearest, depth, index)
+        dr.scatter_reduce(dr.ReduceOp.Max, farthest, depth, index)
+        dr.eval(nearest, farthest)
     near, far = (np.array(ends).reshape(window.shape) for ends in (nearest, farthest))
     pixels = disoccluded(near, far, scale)
     if reach > 0:
         pixels |= uncovered(near, far, reach)
     chosen = from_numpy(mi.Bool, pixels.ravel())
-    return np.array(dr.compress(dr.gather(mi.Bool, chosen, index))).astype(np.int64)
+    found = [np.empty(0, np.int64)]
+    for part in parts:
+        index = dr.compress(dr.gather(mi.Bool, chosen, pixels_of(part)))
+        found.append(np.array(index).astype(np.int64) + part.start)
+    return np.concatenate(found)

@@ -31,8 +31,8 @@ CELL_SAMPLES = 64
 class SeenThrough(NamedTuple):
     """The columns ``through`` and ``visibility`` of samples, and the ``depth`` of the images.
 
-    ``share`` is the part of the light of a ray that goes by a lesser lobe, 0 where there is none.
-    They are float32, uint64, float32 and float32, (N,) each.
+    ``share`` is the part of the light of a ray that goes by a lesser lobe, 0 where there is none,
+    and empty unless lobes were asked for. They are float32, uint64, float32 and float32, (N,) each.
     """
 
     through: np.ndarray
@@ -44,40 +44,33 @@ class SeenThrough(NamedTuple):
         """Those of the samples of which ``which``, bool (N,), is true."""
         return SeenThrough(*(column[which] for column in self))
 
-    def among(self, count: int, which: np.ndarray) -> SeenThrough:
-        """Those of ``count`` samples, of which they are the samples ``which``, int (N,)."""
-        every = SeenThrough(*(np.zeros(count, column.dtype) for column in self))
-        for column, own in zip(every, self, strict=True):
-            column[which] = own
-        return every
-
-    def followed_by(self, other: SeenThrough) -> SeenThrough:
-        """Those of these samples and then those of ``other``."""
-        return SeenThrough(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
-
 
 def seen_through(
     x: np.ndarray,
     y: np.ndarray,
-    start: np.ndarray,
     rays: PrimaryRays,
     lens: LensRays,
+    start: np.ndarray | None = None,
     lesser: np.ndarray | None = None,
+    which: np.ndarray | None = None,
 ) -> SeenThrough:
     """Through what primary rays show what they do, and which points of the ``lens`` see that.
 
     ``x``, ``y``, float32 (N,), are the rays' positions in pixels of the film, and ``start`` where
-    on them they begin, in scene units. Of what is seen directly all of it is 0. With ``lesser``,
-    uint32 (N,), it is what they show by way of the lesser lobe of such a number, see
-    :func:`potmesil_mi.tracing.virtual_depth.trace_visible`.
+    on them they begin, in scene units, if it is not at the pinhole. Of what is seen directly all of
+    it is 0. With ``lesser``, uint32 (N,), it is what they show by way of the lesser lobe of such a
+    number, see :func:`potmesil_mi.tracing.virtual_depth.trace_visible`. Only the rays ``which``,
+    int (n,), are followed, if they are given.
     """
     through, visibility = np.zeros(len(x), np.float32), np.zeros(len(x), np.uint64)
-    depth, share = np.zeros(len(x), np.float32), np.zeros(len(x), np.float32)
-    for part in track(wavefronts(len(x), 1), LABEL):
-        place = (from_numpy(mi.Float, column[part]) for column in (x, y, start))
-        at_x, at_y, begins = place
-        ray = rays.begun_at(mi.Point2f(at_x, at_y), begins)
-        lobe = None if lesser is None else from_numpy(mi.UInt32, lesser[part])
+    depth = np.zeros(len(x), np.float32)
+    share = np.zeros(0 if lesser is None else len(x), np.float32)
+    for part in track(wavefronts(len(x) if which is None else len(which), 1), LABEL):
+        number = np.arange(part.start, part.stop) if which is None else which[part]
+        begins = np.zeros(len(number), np.float32) if start is None else start[number]
+        at_x, at_y, at = (from_numpy(mi.Float, of) for of in (x[number], y[number], begins))
+        ray = rays.begun_at(mi.Point2f(at_x, at_y), at)
+        lobe = None if lesser is None else from_numpy(mi.UInt32, lesser[number])
         visible = rays.visible(ray, lobe)
         image = VirtualImage.of(ray, visible, rays)
         through_window, first = visible.through_window, rays.depth(visible.first)
@@ -86,11 +79,11 @@ def seen_through(
         own_share = dr.select(visible.by_lesser, visible.share, 0)
         dr.eval(through_window, first, visible.depth, image, own_share)
         if lesser is not None:
-            share[part], depth[part] = np.array(own_share), np.array(visible.depth)
+            share[number], depth[number] = np.array(own_share), np.array(visible.depth)
         index = dr.compress(through_window)
         if dr.width(index) == 0:
             continue
-        there = np.array(index).astype(np.int64) + part.start
+        there = number[np.array(index)]
         through[there] = np.array(dr.gather(mi.Float, first, index))
         depth[there] = np.array(dr.gather(mi.Float, visible.depth, index))
         cell = cells_of(x[there], y[there], CELL_SAMPLES)

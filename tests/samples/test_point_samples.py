@@ -450,3 +450,11 @@ def test_as_many_lens_points_see_a_sample_as_bits_are_set():
     visibility = np.array([0, 1, 2**63, 2**64 - 1, 2**64 - 2, 0b1011 << 30], np.uint64)
     np.testing.assert_array_equal(points_that_see(visibility), [0, 1, 1, 64, 63, 3])
     assert len(points_that_see(visibility[:0])) == 0
+
+
+@pytest.mark.parametrize("layer", [[0, 0, 0, 1, 1], [0, 1, 0, 0, 1]])
+def test_what_the_pinhole_sees_is_copied_only_where_it_is_not_together(layer):
+    samples = synthetic(5, layer=np.array(layer, np.uint8))
+    visible = samples.visible()
+    np.testing.assert_array_equal(visible.x, samples.x[np.array(layer) == 0])
+    assert np.shares_memory(visible.x, samples.x) == (layer == sorted(layer))

@@ -53,7 +53,9 @@ def fireflies(clamp=None):
     return Fireflies(np.array([LAMP], np.uint32), clamp)
 
 
-def test_one_sample_that_outshines_a_disc_is_told_of_with_the_remedy():
+@pytest.mark.parametrize("at_once", [100, 10_000])
+def test_one_sample_that_outshines_a_disc_is_told_of_with_the_remedy(at_once, monkeypatch):
+    monkeypatch.setattr("potmesil_mi.samples.columns.AT_ONCE", at_once)
     bright = 1.01 * BRIGHT_DISC * SPP
     with pytest.warns(UserWarning, match=r"radiance: 1 of 2304 samples .*clamp=400 limits"):
         fireflies().warn(even_wall(rgb=[0, bright, 0]), CROP)
@@ -97,6 +99,17 @@ def test_the_clamp_keeps_hue_and_sign_and_leaves_lamps_and_the_sky():
     np.testing.assert_array_equal(fireflies(4.0).clamped(rgb, surface, z), expected)
     np.testing.assert_array_equal(rgb, given)
     assert fireflies().clamped(rgb, surface, z) is rgb
+
+
+@pytest.mark.parametrize("at_once", [100, 10_000])
+def test_all_samples_are_clamped_in_their_own_memory(at_once, monkeypatch):
+    monkeypatch.setattr("potmesil_mi.samples.columns.AT_ONCE", at_once)
+    columns = even_wall(rgb=[0, 8, 4])
+    rgb, expected = columns.rgb, fireflies(4.0).clamped(columns.rgb, columns.surface, columns.z)
+    fireflies(4.0).clamp_all(columns)
+    assert columns.rgb is rgb
+    np.testing.assert_array_equal(rgb, expected)
+    assert rgb.max() == 4
 
 
 def test_a_lamp_found_by_chance_warns_and_clamped_it_does_not(variant_llvm):
