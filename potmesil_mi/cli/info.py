@@ -12,6 +12,8 @@ from .report import Report, about_picture, console
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
+    import mitsuba as mi
+
     from ..samples.point_samples import PointSamples
 
 INFO_EXAMPLES = """
@@ -50,12 +52,13 @@ def info(options: argparse.Namespace) -> None:
 
     if options.map is not None:
         require_writable(options.map, PICTURES)
-    of_scene = options.scene.lower().endswith(SCENE)
-    if of_scene:
-        samples = probed(*scene_with_lens(options, {"f_number": math.inf}), options.spp)
+    if options.scene.lower().endswith(SCENE):
+        scene, sensor = scene_with_lens(options, {"f_number": math.inf})
+        samples = probed(scene, sensor, options.spp)
+        found = {**about(samples), "sampling_bytes": _memory_of_sampling(scene, sensor)}
     else:
         samples = samples_of_file(options.scene, options)
-    found = about(samples, of_scene)
+        found = {**about(samples), **_about_samples(samples)}
     if options.json:
         Report(options).values(found)
     else:
@@ -69,11 +72,10 @@ def info(options: argparse.Namespace) -> None:
         Report(options).line(f"wrote {options.map}")
 
 
-def about(samples: PointSamples, of_scene: bool) -> dict[str, Any]:
-    """What there is to tell of samples, lengths in scene units, as JSON has it.
-
-    Samples of a scene were taken to look at it alone, so that their number says nothing.
-    """
+def about(samples: PointSamples) -> dict[str, Any]:
+    """What there is to tell of what samples see, lengths in scene units, as JSON has it."""
+    from ..focusing.memory import memory_of_focus
+    from ..focusing.methods import Layered
     from ..samples.circles import DepthRange, surface_depths
 
     camera, depths = samples.camera, DepthRange.of(samples)
@@ -86,13 +88,35 @@ def about(samples: PointSamples, of_scene: bool) -> dict[str, Any]:
         "has_sky": depths.has_sky,
         **about_picture(samples, samples.lens),
         "lens": samples.lens.to_dict(),
+        "focus_bytes": round(memory_of_focus(samples, Layered())),
     }
     if camera.projection == "perspective":
         found["x_fov"] = camera.x_fov
-    if not of_scene:
-        found |= {"samples": len(samples), "spp": samples.spp, "bytes": samples.nbytes}
     found["surfaces"] = [one._asdict() for one in surface_depths(samples)]
     return found
+
+
+def _about_samples(samples: PointSamples) -> dict[str, Any]:
+    """What there is to tell of samples in a file, beside what they see."""
+    found = {"samples": len(samples), "spp": samples.spp, "bytes": samples.nbytes}
+    widest, lens = dict(samples.provenance), samples.lens.to_dict()
+    if "widest_diameter" in widest and float(widest["widest_diameter"]) > 0:
+        diameter = float(widest["widest_diameter"]) * lens["millimeters_per_unit"]
+        found["min_f_number"] = lens["focal_length"] / diameter
+    return {**found, "provenance": widest}
+
+
+def _memory_of_sampling(scene: mi.Scene, sensor: mi.Sensor) -> int:
+    """Bytes that sampling takes, as often as the scene says, without what is around the film."""
+    from ..samples.raster import Window
+    from ..tracing.memory import memory_of_sampling
+    from ..tracing.onward import has_specular
+    from ..tracing.sampling import Sampling
+
+    sampling = getattr(scene.integrator(), "sampling", Sampling())
+    film, spp = sensor.film(), int(sensor.sampler().sample_count())
+    crop = Window(*(int(n) for n in (*film.crop_offset(), *film.crop_size())))
+    return round(memory_of_sampling(crop, crop, spp, sampling, has_specular(scene)))
 
 
 def _print(source: str, found: dict[str, Any]) -> None:
@@ -125,6 +149,11 @@ def _print(source: str, found: dict[str, Any]) -> None:
         facts["lens"] += f", focused at {length(found['focus_distance'])}"
     facts["sharp"] = f"{length(found['sharp_from'])} to {length(found['sharp_to'])} (to a pixel)"
     facts["circles"] = f"up to {found['largest_circle_pixels']:.3g} pixels in diameter"
+    if "min_f_number" in found:
+        facts["serves"] = f"apertures up to f/{found['min_f_number']:.3g}"
+    sampling = found.get("sampling_bytes")
+    takes = "" if sampling is None else f"sampling {sampling / 1e9:.2f} GB or more, "
+    facts["memory"] = f"{takes}a focus {found['focus_bytes'] / 1e9:.2f} GB, about"
     printer = console()
     printer.print(f"{source}")
     for name, text in facts.items():

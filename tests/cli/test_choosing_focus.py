@@ -171,12 +171,16 @@ def test_info_needs_no_lens_and_reads_samples_and_pictures(table, tmp_path, caps
     kept, picture = str(tmp_path / "s.samples"), str(tmp_path / "a.exr")
     sharp = ["--f-number", "inf", "--focus-distance", "100", "-o", picture, "--maps", "depth"]
     assert cli.main(["render", table, *sharp, "--samples", kept]) == 0
+    assert cli.main(["info", kept]) == 0
+    assert "a pixel" in capsys.readouterr().out
     for source in (kept, picture):
         capsys.readouterr()
         assert cli.main(["info", source, "--json"]) == 0
         found = json.loads(capsys.readouterr().out)
         assert (found["width"], found["height"]) == (48, 32)
         assert 95 < found["nearest"] < 105
+        assert found["samples"] > 48 * 32 > found["spp"]
+        assert found["focus_bytes"] > 1e6
 
 
 def test_a_map_of_circles_has_their_diameters(table, tmp_path):
