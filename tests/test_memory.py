@@ -10,7 +10,7 @@ import pytest
 import potmesil_mi as pm
 from potmesil_mi import _memory
 from potmesil_mi.cli import main
-from potmesil_mi.focusing.memory import BYTES_OF_HIDDEN, BYTES_OF_SUBPIXEL, memory_of_focus
+from potmesil_mi.focusing.memory import BYTES_OF_SUBPIXEL, COVERED, memory_of_focus
 from potmesil_mi.tracing.memory import BYTES_OF_RAY, memory_of_sampling
 from potmesil_mi.tracing.patterns import visible_count
 from scenes import SCENES, still_life, synthetic
@@ -130,11 +130,12 @@ def test_what_sampling_would_take_counts_its_samples_and_their_columns(variant_l
 def test_what_a_focus_would_take_counts_subpixels_hidden_samples_and_points_of_the_lens():
     few, many = synthetic(100), synthetic(400)
     behind = few.replace(layer=np.ones(100, np.uint8))
-    layered = memory_of_focus(few, pm.Layered())
-    assert memory_of_focus(few, pm.Layered(), 1) == layered
+    method = pm.Layered(lens_points=32, squares=1)
+    layered = memory_of_focus(few, method)
+    assert memory_of_focus(few, pm.Layered(lens_points=32), 1) == layered
     finer = memory_of_focus(few, pm.Layered(squares=2))
     assert finer - layered > 3 * BYTES_OF_SUBPIXEL * few.window.size
-    assert memory_of_focus(behind, pm.Layered()) > layered + 100 * BYTES_OF_HIDDEN
+    assert memory_of_focus(behind, method) == layered + COVERED * 32 * 100
     for method in (pm.Layered(squares=1), pm.LightField(squares=1), pm.Equation20()):
         assert memory_of_focus(many, method) > memory_of_focus(few, method)
     points = memory_of_focus(few, pm.Layered(lens_points=64, squares=1))

@@ -6,23 +6,21 @@ import numpy as np
 
 from ..optics.aperture import Aperture
 from ..samples.point_samples import PointSamples
-from .locating import GATHERED_AT_ONCE
 from .methods import Equation20, Layered, LightField, Method
-from .visibility import MAX_COVERED
 
-BYTES_AT_LEAST = 80e6
+BYTES_AT_LEAST = 50e6
 """What is taken for the smallest picture."""
 
 BYTES_AT_ONCE = 30.0
 """For each of the samples that are gathered at once."""
 
-BYTES_OF_SUBPIXEL = 480.0
-"""For each subpixel of the samples' window: its fragment, its sums, and the picture."""
+BYTES_OF_SUBPIXEL = 322.0
+"""For each subpixel of the samples' window: its fragment, and the picture."""
 
-BYTES_OF_HIDDEN = 100.0
-"""For each hidden sample, most of which are fragments of their own."""
+BYTES_OF_SUMS = 274.0
+"""For each subpixel, the sums over samples, whose memory large pictures give back."""
 
-COVERED = 3.5
+COVERED = 3.3
 """Fragments, for each hidden sample, at which points of the lens look one by one."""
 
 BYTES_OF_TABLE = 320.0
@@ -38,6 +36,11 @@ def memory_of_focus(samples: PointSamples, method: Method, subpixels: int | None
     ``method`` forms ``subpixels`` x ``subpixels`` in a pixel, by default as many as it says for the
     lens that came with the samples.
     """
+    # What forms pictures is imported when it is needed: see the methods.
+    from .layered import MOST_KEPT
+    from .locating import GATHERED_AT_ONCE
+    from .visibility import MAX_COVERED
+
     if subpixels is None:
         aperture = Aperture.parse(samples.lens.aperture)
         subpixels = method.squares or method.default_squares(samples, aperture)
@@ -45,10 +48,11 @@ def memory_of_focus(samples: PointSamples, method: Method, subpixels: int | None
     if isinstance(method, Equation20):
         return BYTES_AT_LEAST + BYTES_OF_TABLE * size + BYTES_OF_TABLED * count
     needed = BYTES_AT_LEAST + BYTES_OF_SUBPIXEL * size
+    needed += BYTES_OF_SUMS * size if size <= MOST_KEPT else 0
     needed += BYTES_AT_ONCE * min(count, GATHERED_AT_ONCE)
     if isinstance(method, (Layered, LightField)):
         points = method.lens_points or method.points_for(samples)
         hidden = int(np.count_nonzero(samples.layer))
-        needed += hidden * (BYTES_OF_HIDDEN + COVERED * points)
+        needed += COVERED * hidden * points
         needed += np.dtype(np.float32).itemsize * min(size * points, MAX_COVERED)
     return needed
