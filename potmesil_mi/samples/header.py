@@ -17,6 +17,7 @@ from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TYPE, TelecentricLens
 from ..optics.usable import require_magnitude, require_usable_together
+from .aovs import require_aov_names
 from .columns import require_visibility_radius
 from .raster import Window
 
@@ -40,6 +41,7 @@ class Header:
     ``lattice``                   positions are multiples of 1/lattice pixels; 0 for any
     ``visibility_radius``         half-widths of the lens of which samples have visibility, or
                                   ``None``
+    ``aov_names``                 those of the AOVs of samples
     ============================  ==========================================================
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
@@ -52,11 +54,13 @@ class Header:
     surfaces: Mapping[int, str]
     lattice: int
     visibility_radius: Sequence[float] | None = None
+    aov_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         for half_width in self.visibility_radius or ():
             require_magnitude("visibility_radius", half_width)
+        require_aov_names(self.aov_names)
         crop = Window(*self.camera.crop_offset, *self.camera.crop_size)
         if not self.window.covers(crop):
             raise ValueError(
@@ -70,6 +74,8 @@ class Header:
         about: dict[str, Any] = {"version": version, "lattice": self.lattice}
         if self.visibility_radius is not None:
             about["visibility_radius"] = list(self.visibility_radius)
+        if self.aov_names:
+            about["aov_names"] = list(self.aov_names)
         values = {"camera": self.camera.to_dict(), "lens": self.lens.to_dict(), "samples": about}
         return {name: json.dumps(value) for name, value in values.items()}
 
@@ -90,6 +96,7 @@ class Header:
         values = {name: json_object(texts[name], names.format(name)) for name in TEXTS}
         about = values["samples"]
         radius = about.pop("visibility_radius", None)
+        aov_names = about.pop("aov_names", ())
         if about.keys() != {"version", "lattice"}:
             name = names.format("samples")
             raise ValueError(f"{name}: must be a JSON object with lattice, version")
@@ -108,6 +115,7 @@ class Header:
             surfaces,
             about["lattice"],
             None if radius is None else (float(radius[0]), float(radius[1])),
+            aov_names,
         )
         return header, version
 

@@ -23,21 +23,17 @@ from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
+from .aovs import are_ids, require_aov_names, require_named
 from .columns import OF_DEFAULT, TWINS, Columns, require_beside_columns, visibility_points
 from .header import Header
 from .image_layers import Hidden
 from .merging import merged, require_mergeable
 from .raster import FARTHEST, Window
+from .ray_count import rays_per_pixel
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-
-ENOUGH_TO_COUNT = 1 << 18
-"""So many samples tell how many there are in a pixel."""
-
-ROUNDED_PLACES = 0.01
-"""Samples of a pixel that rounding may have moved to the next row."""
 
 CROWDED = 0.25
 """Hidden samples for each visible one from which on a scene is crowded with things that the lens
@@ -61,6 +57,8 @@ class Changes(TypedDict, total=False):
     normal: np.ndarray | None
     time: np.ndarray | None
     motion: np.ndarray | None
+    aovs: np.ndarray | None
+    aov_names: Sequence[str]
     visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
@@ -111,6 +109,9 @@ class PointSamples(Columns):
                                   units, change during the part of the exposure that the sample
                                   stands for, half of it before its ``time`` and half after;
                                   ``None`` (default) where all stands still
+    ``aovs``, ``aov_names``       float32 (N, K), further values that the nested integrator has of
+                                  the sample's ray, and their K names, such as ``dd.T``; ``None``
+                                  and () (default) where it has none
     ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
                                   ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
@@ -127,7 +128,8 @@ class PointSamples(Columns):
     normal longer than 1 or a motion that is not finite or goes through the camera are dropped, with
     a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
     columns of unequal length or wrong shape, for a window of less than one pixel, for
-    ``visibility`` without the lens's half-widths or these without it, and where no sample is left,
+    ``visibility`` without the lens's half-widths or these without it, for AOVs without a name
+    each, and where no sample is left,
     ``TypeError`` for a window of other than whole numbers.
     """
 
@@ -137,6 +139,7 @@ class PointSamples(Columns):
     lattice: int = 0
     window: Window = OF_DEFAULT
     visibility_radius: Sequence[float] | None = None
+    aov_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
@@ -146,6 +149,8 @@ class PointSamples(Columns):
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
+        object.__setattr__(self, "aov_names", require_aov_names(self.aov_names))
+        require_named(self.aov_names, self.aovs)
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
             for field in self.present():
@@ -234,24 +239,7 @@ class PointSamples(Columns):
         What a ray sees behind half-transparent things are several samples, of one position. Of many
         samples those of some rows of pixels are counted.
         """
-        crop = self.crop_window
-        some: slice | np.ndarray = slice(None)
-        every = min(-(-len(self) // ENOUGH_TO_COUNT), crop.height) if self.lattice == 0 else 1
-        pixels = len(range(every // 2, crop.height, every)) * crop.width
-        if every > 1:
-            rows = self.y.astype(np.int32)
-            rows -= crop.top + every // 2
-            some = np.flatnonzero(rows // every * every == rows)  # Faster than remainders.
-        x, y = self.x[some], self.y[some]
-        own = crop.shows(x, y, self.window) & (self.layer[some] == 0)
-        weight = self.weight[some][own]
-        count = len(weight)
-        if count > 0 and weight.min() < weight.max():
-            x, y = (of[own].view(np.uint32) for of in (x, y))
-            # NumPy's own unique hashes them, which takes seconds for these.
-            places = np.sort(x.astype(np.uint64) << np.uint64(32) | y)
-            count = 1 + np.count_nonzero(np.diff(places))
-        return math.floor(count / pixels + ROUNDED_PLACES)
+        return rays_per_pixel(self, self.crop_window, self.window, self.lattice)
 
     @functools.cached_property
     def instants(self) -> int:
@@ -382,7 +370,7 @@ class PointSamples(Columns):
         require_mergeable(self.camera, lens, tolerance)
         if self.lattice > 0:
             return self
-        columns = merged(self, self.pixel(), self.camera, lens, tolerance)
+        columns = merged(self, self.pixel(), self.camera, lens, tolerance, are_ids(self.aov_names))
         return self.replace(**vars(columns))
 
     def denoised(self) -> PointSamples:
@@ -422,6 +410,7 @@ class PointSamples(Columns):
             dict(self.surfaces),
             self.lattice,
             self.visibility_radius,
+            self.aov_names,
         )
         files.write(path, header, self)
 
@@ -444,4 +433,5 @@ class PointSamples(Columns):
             lattice=header.lattice,
             window=header.window,
             visibility_radius=header.visibility_radius,
+            aov_names=header.aov_names,
         )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import COLUMNS, Columns
+from ..samples.columns import COLUMNS, Columns, shape_of, zeros_like
 
 SCHEMA = {field.name: field for field in COLUMNS}
 """The schema of the columns by their names."""
@@ -28,6 +28,8 @@ class Traced:
                                   where it has nothing to tell
     ``surface``                   id of the surface, 0 for none
     ``albedo``, ``normal``        its :class:`potmesil_mi.tracing.features.Features`, if wanted
+    ``aovs``                      K values of the integrator, if it has any: see
+                                  :class:`potmesil_mi.tracing.aovs.Aovs`
     ============================  ==========================================================
     """
 
@@ -37,6 +39,7 @@ class Traced:
     surface: mi.UInt32
     albedo: mi.Color3f | None = None
     normal: mi.Normal3f | None = None
+    aovs: tuple[mi.Float, ...] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +47,8 @@ class Shown:
     """What rays show, on the host: the fields of :class:`Traced`.
 
     ``rgb`` is float32 (N, 3), ``alpha`` and ``z`` float32 (N,), ``surface`` uint32 (N,);
-    ``albedo`` and ``normal`` are float32 (N, 3), or ``None``, which stands for zeros.
+    ``albedo`` and ``normal`` are float32 (N, 3), ``aovs`` (N, K), or ``None``, which stands for
+    zeros.
     """
 
     rgb: np.ndarray
@@ -53,6 +57,7 @@ class Shown:
     surface: np.ndarray
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
+    aovs: np.ndarray | None = None
 
     @classmethod
     def empty(cls, count: int) -> Shown:
@@ -75,8 +80,9 @@ class Shown:
     def room_for(self, count: int) -> Shown:
         """Memory for ``count`` rays, with the columns of these."""
         room = Shown.empty(count)
-        more = self.columns().keys() - room.columns().keys()
-        return dataclasses.replace(room, **{name: _zeros(name, count) for name in more})
+        own = self.columns()
+        more = own.keys() - room.columns().keys()
+        return dataclasses.replace(room, **{name: zeros_like(own[name], count) for name in more})
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns that there are, by their names."""
@@ -88,10 +94,10 @@ class Shown:
 
     def followed_by(self, other: Shown) -> Shown:
         """These rays and then those of ``other``."""
-        names = (self.columns() | other.columns()).keys()
-        both = self._with(names), other._with(names)
+        there = self.columns() | other.columns()
+        both = self._with(there), other._with(there)
         return Shown(
-            **{name: np.concatenate([vars(part)[name] for part in both]) for name in names}
+            **{name: np.concatenate([vars(part)[name] for part in both]) for name in there}
         )
 
     def put(self, part: slice, other: Shown) -> None:
@@ -99,17 +105,23 @@ class Shown:
         for name, column in self.columns().items():
             column[part] = vars(other)[name]
 
-    def _with(self, names: Iterable[str]) -> Shown:
-        """These rays, with zeros for those of the columns ``names`` that there are not."""
-        absent = [name for name in names if vars(self)[name] is None]
-        return dataclasses.replace(self, **{name: _zeros(name, len(self.z)) for name in absent})
+    def _with(self, columns: Mapping[str, np.ndarray]) -> Shown:
+        """These rays, with zeros for what they do not have, as others do, of these ``columns``."""
+        absent = columns.keys() - self.columns().keys()
+        zeros = {name: zeros_like(columns[name], len(self.z)) for name in absent}
+        return dataclasses.replace(self, **zeros)
 
     def averaged(self, paths: int) -> Shown:
         """One ray in the place of each ``paths`` rays after each other.
 
-        It has the mean of their radiance and alpha, and the rest of the first.
+        It has the mean of their radiance, alpha and AOVs, and the rest of the first.
         """
         first = self[::paths]
+        if self.aovs is not None:
+            # In double precision the mean of equal numbers is that number, also of ids.
+            every = self.aovs.reshape(len(first.z), paths, -1)
+            means = every.mean(axis=1, dtype=np.float64).astype(np.float32)
+            first = dataclasses.replace(first, aovs=means)
         return dataclasses.replace(
             first,
             rgb=self.rgb.reshape(-1, paths, 3).mean(axis=1),
@@ -124,19 +136,19 @@ def to_host(traced: Traced, *more: mi.Float | mi.UInt8) -> tuple[Shown, list[np.
     memory, not copies of it.
     """
     arrays = {name: array for name, array in vars(traced).items() if array is not None}
-    flat = [dr.ravel(array) for array in (*arrays.values(), *more)]
+    aovs = arrays.pop("aovs", ())
+    flat = [dr.ravel(array) for array in (*arrays.values(), *more, *aovs)]
     dr.eval(flat)
     host = [np.asarray(values) for values in flat]
     columns = {
-        name: values.reshape(_shape(name, -1)) for name, values in zip(arrays, host, strict=False)
+        name: values.reshape(shape_of(SCHEMA[name], -1))
+        for name, values in zip(arrays, host, strict=False)
     }
-    return Shown(**columns), host[len(arrays) :]
-
-
-def _shape(name: str, count: int) -> tuple[int, ...]:
-    """The shape of a column of so many samples."""
-    channels = SCHEMA[name].metadata["channels"]
-    return (count, channels) if channels else (count,)
+    host = host[len(arrays) :]
+    if aovs:
+        values = np.broadcast_arrays(columns["z"], *host[len(more) :])[1:]
+        columns["aovs"] = np.stack(values, axis=1, dtype=np.float32, casting="same_kind")
+    return Shown(**columns), host[: len(more)]
 
 
 class SampleBuffer:
@@ -200,7 +212,7 @@ class SampleBuffer:
         columns = shown.columns()
         new = [name for name in columns if getattr(self._memory, name) is None]
         if new:
-            zeros = {name: _zeros(name, len(self._memory)) for name in new}
+            zeros = {name: zeros_like(columns[name], len(self._memory)) for name in new}
             self._memory = dataclasses.replace(self._memory, **zeros)
         for name, memory in self._arrays():
             if name in vars(shown):
@@ -217,11 +229,6 @@ class SampleBuffer:
             larger[name] = np.empty((capacity, *array.shape[1:]), dtype=array.dtype)
             larger[name][: self._count] = array[: self._count]
         self._memory = Columns(**larger)
-
-
-def _zeros(name: str, count: int) -> np.ndarray:
-    """A column of zeros, whose memory costs nothing until it is written to."""
-    return np.zeros(_shape(name, count), SCHEMA[name].metadata["dtype"])
 
 
 def _empty(kind: type, count: int) -> np.ndarray:

@@ -359,6 +359,7 @@ def _joined(
         lattice=found[0].lattice,
         window=_around([of.window for of in found]),
         visibility_radius=known if columns.visibility is not None else None,
+        aov_names=found[0].aov_names,
     )
 
 

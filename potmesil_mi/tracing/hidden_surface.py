@@ -24,6 +24,7 @@ from ..optics.usable import require_usable_together
 from ..samples.columns import COLUMNS, Columns
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .aovs import Aovs
 from .elsewhere import seen_elsewhere
 from .exposing import exposed
 from .fireflies import Fireflies
@@ -156,9 +157,8 @@ def _sampled(
     veils = VeilKinds(False, False)
     if sampling.virtual_depth:
         veils = veil_kinds(scene, sensor, integrator)
-    rays = PrimaryRays(
-        scene, sensor, integrator, passes, crop, ids, follows_windows, veils, sampling.features
-    )
+    kept = sampling.features, Aovs.of(integrator)
+    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows, veils, *kept)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):
@@ -196,6 +196,7 @@ def _sampled(
         lattice=visible.lattice,
         window=window,
         visibility_radius=radius if columns.visibility is not None else None,
+        aov_names=rays.aovs.names,
     )
 
 

@@ -89,6 +89,7 @@ def part_lobes(
         visibility=seen.visibility,
         albedo=shown.albedo,
         normal=shown.normal,
+        aovs=shown.aovs,
     )
     lit = np.flatnonzero(kept < 1)
     rgb = (light[lit] / kept[lit, None]).astype(np.float32)
@@ -116,7 +117,7 @@ def by_lobe(
     """What a ray of a ``weight`` shows by a chain of surfaces alone, and the share of that.
 
     The chain goes by the ``lesser`` lobe of that number, if it is not ``NO_LOBE``; where there is
-    none, both are 0.
+    none, both are 0. AOVs are those of the whole ray, as for what comes by the other lobe.
     """
     visible = rays.visible(mi.Ray3f(ray), lesser)
     there = visible.by_lesser | (lesser == NO_LOBE)
@@ -124,4 +125,6 @@ def by_lobe(
     surface = rays.surface_of(visible.hit)
     weight = weight * mi.Spectrum(dr.select(there, visible.throughput, 0))
     traced = rays.shaded(last, weight, visible.depth, surface, None, visible.hit)
+    if rays.aovs.names:
+        traced = dataclasses.replace(traced, aovs=rays.aovs_along(ray))
     return traced, dr.select(there, visible.share, 0)
