@@ -8,6 +8,7 @@ from .filters.defocus import Defocus
 from .filters.diffraction import Diffraction
 from .filters.fade import Fade
 from .filters.star import Star
+from .focusing.aovs import focus_aovs
 from .focusing.api import focus
 from .focusing.methods import Equation20, Layered, LightField, Method
 from .focusing.session import FocusSession
@@ -25,6 +26,7 @@ from .optics.lommel import Lommel
 from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
 from .optics.telecentric import TelecentricLens
+from .samples.maps import aov_maps
 from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
@@ -65,10 +67,12 @@ __all__ = [
     "Track",
     "VectorTrack",
     "Window",
+    "aov_maps",
     "aperture_of",
     "apply_filters",
     "evaluation",
     "focus",
+    "focus_aovs",
     "motion_vectors",
     "parse_filter",
     "potmesil_sensor",

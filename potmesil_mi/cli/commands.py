@@ -78,7 +78,7 @@ def render(options: argparse.Namespace) -> None:
     _check_outputs(options.output, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
-    samples = opened.sampled(options, opened.sampling)
+    samples = opened.sampled(options, opened.sampling_for(options.maps))
     maps = maps_of(samples, tuple(options.maps))
     picture = focus(
         samples,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .options import (
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..motion.motion import Motion
+    from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
 
@@ -73,6 +74,16 @@ class Opened:
         from ..plugins.settings import has_alpha
 
         return has_alpha(self.film)
+
+    def sampling_for(self, maps: Sequence[MapName]) -> Sampling:
+        """What ``maps`` need. Raises ``ValueError`` for AOVs where the integrator has none."""
+        from ..tracing.aovs import Aovs
+        from ..tracing.hidden_surface import nested_of
+
+        if "aovs" in maps and not Aovs.of(nested_of(self.scene.integrator())).names:
+            raise ValueError("maps=aovs: the integrator has none; put it into an aov")
+        features = self.sampling.features or not {"albedo", "normal"}.isdisjoint(maps)
+        return dataclasses.replace(self.sampling, features=features)
 
     def sampled(
         self,

@@ -38,11 +38,11 @@ def method_from(props: mi.Properties) -> Method:
     return method_of(given.pop("method", "layered"), **given)
 
 
-def denoise_from(props: mi.Properties) -> bool:
-    """Whether samples are denoised. Raises ``TypeError`` for other than true or false."""
-    value = props.get("denoise", False)
+def flag_from(props: mi.Properties, name: str) -> bool:
+    """A parameter that is false by default. Raises ``TypeError`` for other than true or false."""
+    value = props.get(name, False)
     if not isinstance(value, bool):
-        raise TypeError(f"denoise={value!r}: must be true or false")
+        raise TypeError(f"{name}={value!r}: must be true or false")
     return value
 
 
