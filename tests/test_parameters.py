@@ -154,6 +154,8 @@ def columns():
         "time": np.zeros(count),
         "motion": np.zeros((count, 3)),
         "visibility_radius": (0.1, 0.1),
+        "aovs": np.zeros((count, 2)),
+        "aov_names": ("dd.T", "si.I"),
     }
 
 
@@ -440,6 +442,10 @@ ROWS: dict[str, Callable[[Things], Row]] = {
     "PointSamples.save": lambda it: Row(SAMPLES.save, {"path": it.place("out.samples")}),
     "PointSamples.load": lambda it: Row(pm.PointSamples.load, {"path": it.samples_file}),
     "PointSamples.chosen": lambda it: Row(SAMPLES.chosen, {"which": slice(0, 5)}),
+    "aov_maps": lambda it: Row(pm.aov_maps, {"samples": SAMPLES}),
+    "focus_aovs": lambda it: Row(
+        pm.focus_aovs, {"samples": SAMPLES, "lens": THIN, "method": "layered", "rfilter": None}
+    ),
     "motion_vectors": lambda it: Row(
         pm.motion_vectors,
         {"channels": np.ones((5, 2)), "convention": "pixels", "exposure": 0.5},
@@ -652,6 +658,7 @@ PLUGIN_ROWS["focus"] = {
         "filter": "star",
         "filter_2": "fade:amount=0.5",
         "denoise": False,
+        "focus_aovs": False,
     }
 }
 

@@ -72,6 +72,7 @@ def render_options(command: argparse.ArgumentParser) -> str:
 def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
+    from ..focusing.aovs import focus_aovs
     from ..focusing.api import focus
     from ..samples.maps import maps_of
 
@@ -87,6 +88,8 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
+    if opened.focus_aovs and _has_maps(options.output):
+        maps |= focus_aovs(samples, method=opened.method, rfilter=opened.film.rfilter())
     _write(picture, samples, options.output, maps)
     opened.require_kept()
 
@@ -317,7 +320,7 @@ def _check_outputs(
     from .._files import require_writable
     from .._image import PICTURES
 
-    if maps and not any(path.lower().endswith(".exr") for path in pictures):
+    if maps and not _has_maps(pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
     for path in pictures:
@@ -327,6 +330,11 @@ def _check_outputs(
 
         require_writable(samples, ENDINGS)
         _require_apart(samples, pictures)
+
+
+def _has_maps(pictures: Sequence[str]) -> bool:
+    """Whether any of the files has room for further channels."""
+    return any(path.lower().endswith(".exr") for path in pictures)
 
 
 def _require_apart(source: str, pictures: Sequence[str]) -> None:

@@ -42,6 +42,7 @@ class Opened:
     denoise: bool
     method: Method
     filters: tuple[FilterFunction, ...]
+    focus_aovs: bool
     motion: Motion | None
     not_kept: list[OSError] = dataclasses.field(default_factory=list)
 
@@ -53,15 +54,17 @@ class Opened:
 
         method = given_method(options)
         filters: tuple[FilterFunction, ...] = ()
+        focus_aovs = False
         if options.denoise:
             require_extra()
         scene, sensor = scene_with_lens(options, lens)
         integrator = scene.integrator()
         if isinstance(integrator, FocusSettings):
             method, filters = given_method(options, integrator.method), integrator.filters
+            focus_aovs = integrator.focus_aovs
         sampling, denoise = given_sampling(options, integrator), given_denoise(options, integrator)
         motion = given_motion(options, integrator)
-        return cls(scene, sensor, sampling, denoise, method, filters, motion)
+        return cls(scene, sensor, sampling, denoise, method, filters, focus_aovs, motion)
 
     @property
     def film(self) -> mi.Film:

@@ -39,7 +39,7 @@ def focus_aovs(
     pictures: dict[str, np.ndarray] = {}
     if samples.aovs is None:
         return pictures
-    names = samples.aov_names
+    names, plain = samples.aov_names, samples.replace(aovs=None, aov_names=())
     for start in range(0, len(names), 3):
         here = names[start : start + 3]
         values = np.nan_to_num(samples.aovs[:, start : start + 3], posinf=0, neginf=0)
@@ -47,7 +47,7 @@ def focus_aovs(
         # From 1 to 2 nothing is a highlight, and nothing is negative, as colours are not.
         least, most = values.min(axis=0), values.max(axis=0)
         width = np.where(most > least, most - least, 1)
-        as_colours = samples.replace(rgb=1 + (values - least) / width)
+        as_colours = plain.replace(rgb=1 + (values - least) / width)
         picture = np.asarray(focus(as_colours, lens, method=method, rfilter=rfilter), np.float64)
         planes = ((picture - 1) * width + least).astype(np.float32)
         pictures |= {name: planes[..., i] for i, name in enumerate(here)}

@@ -25,6 +25,7 @@ class FocusSettings(Protocol):
     method: Method
     filters: tuple[FilterFunction, ...]
     denoise: bool
+    focus_aovs: bool
 
 
 def method_from(props: mi.Properties) -> Method:

@@ -1,4 +1,8 @@
-"""AOVs: values that an integrator has of a ray beside its radiance, as Mitsuba's ``aov`` does."""
+"""AOVs: values that an integrator has of a ray beside its radiance, as Mitsuba's ``aov`` does.
+
+They are of what the ray meets first: all the samples that a ray is parted into, by veils, panes and
+mirrors, have the same.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +41,7 @@ class Aovs(NamedTuple):
         start = len(OF_NESTED) if nested else 0
         return cls(require_aov_names(names[start:]), start)
 
-    def of_ray(
-        self, values: Sequence[mi.Float], start: mi.Float | float
-    ) -> tuple[mi.Float, ...] | None:
+    def of_ray(self, values: Sequence[mi.Float], start: mi.Float | float) -> mi.ArrayXf | None:
         """What is kept of the ``values`` of rays that begin at ``start``; ``None`` for nothing.
 
         Distances are those from where the whole rays begin.
@@ -51,4 +53,4 @@ class Aovs(NamedTuple):
             if name.endswith(DISTANCE):  # 0 where nothing is met.
                 value = dr.select(value > 0, value + start, value)
             kept.append(value)
-        return tuple(kept)
+        return mi.ArrayXf(kept)

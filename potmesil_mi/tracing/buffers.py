@@ -39,7 +39,7 @@ class Traced:
     surface: mi.UInt32
     albedo: mi.Color3f | None = None
     normal: mi.Normal3f | None = None
-    aovs: tuple[mi.Float, ...] | None = None
+    aovs: mi.ArrayXf | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,19 +136,17 @@ def to_host(traced: Traced, *more: mi.Float | mi.UInt8) -> tuple[Shown, list[np.
     memory, not copies of it.
     """
     arrays = {name: array for name, array in vars(traced).items() if array is not None}
-    aovs = arrays.pop("aovs", ())
-    flat = [dr.ravel(array) for array in (*arrays.values(), *more, *aovs)]
+    flat = [dr.ravel(array) for array in (*arrays.values(), *more)]
     dr.eval(flat)
     host = [np.asarray(values) for values in flat]
+    aovs = 0 if traced.aovs is None else len(traced.aovs)
     columns = {
-        name: values.reshape(shape_of(SCHEMA[name], -1))
+        name: values.reshape(shape_of(SCHEMA[name], -1, aovs))
         for name, values in zip(arrays, host, strict=False)
     }
-    host = host[len(arrays) :]
-    if aovs:
-        values = np.broadcast_arrays(columns["z"], *host[len(more) :])[1:]
-        columns["aovs"] = np.stack(values, axis=1, dtype=np.float32, casting="same_kind")
-    return Shown(**columns), host[: len(more)]
+    if aovs:  # They may all be constants, which Dr.Jit has once.
+        columns["aovs"] = np.broadcast_to(columns["aovs"], (len(columns["z"]), aovs))
+    return Shown(**columns), host[len(arrays) :]
 
 
 class SampleBuffer:

@@ -44,9 +44,9 @@ from .splitting import split
 from .sweeping import Sweep
 from .transmission import VeilKinds, veil_kinds
 
-BYTES_AT_LEAST, BYTES_PER_RAY = 300e6, 90.0
-"""Memory that sampling takes at its largest, beside the scene: at least, and for each ray of the
-pinhole. Crowded scenes have taken twice as much."""
+BYTES_AT_LEAST, BYTES_PER_RAY, BYTES_PER_AOV = 300e6, 90.0, 16.0
+"""Memory that sampling takes at its largest, beside the scene: at least, for each ray of the
+pinhole, and for each AOV of one. Crowded scenes have taken twice as much."""
 
 SAME_DEPTH = 1e-5
 """Ratio, less 1, of depths of one thing that was traced twice."""
@@ -177,7 +177,7 @@ def _sampled(
         window = window.grown(math.ceil(sweep.reach))
     count = window.width * window.height * passes.spp * (1 + sampling.refine)
     require_memory(
-        BYTES_AT_LEAST + BYTES_PER_RAY * count,
+        BYTES_AT_LEAST + (BYTES_PER_RAY + BYTES_PER_AOV * len(rays.aovs.names)) * count,
         f"sampling {window.width}x{window.height} pixels, {passes.spp} samples each and "
         f"{sampling.refine:.0%} more,",
         "fewer samples (spp), a smaller film or crop windows of it take less",

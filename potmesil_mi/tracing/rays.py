@@ -198,7 +198,7 @@ class PrimaryRays:
             **features,
         )
 
-    def aovs_along(self, ray: mi.RayDifferential3f) -> tuple[mi.Float, ...] | None:
+    def aovs_along(self, ray: mi.RayDifferential3f) -> mi.ArrayXf | None:
         """The AOVs of a whole ``ray`` alone."""
         return self.aovs.of_ray(self._sample(ray, self.sensor.get_medium())[2], 0.0)
 
