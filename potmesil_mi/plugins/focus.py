@@ -81,9 +81,10 @@ class FocusIntegrator(WrapperIntegrator):
        - Where it is sampled more often, as for ``point_samples``.
 
     AOVs of the nested integrator, such as those of Mitsuba's ``aov``, follow the colours in the
-    film. What is hidden from the pinhole has its own; what a mirror or a pane shows has those of the
-    mirror or pane. Distances (``depth``) are along the ray, from the near plane. What ``aov`` shows of its first nested integrator is the picture, and
-    is not there twice. ``hide_emitters`` must be said of the ``aov``, too.
+    film. What is hidden from the pinhole has its own; what a mirror or a pane shows has those of
+    the mirror or pane. Distances (``depth``) are along the ray, from the near plane. What ``aov``
+    shows of its first nested integrator is the picture, and is not there twice. ``hide_emitters``
+    must be said of the ``aov``, too.
     """
 
     plugin = "focus"
