@@ -9,6 +9,7 @@ from .filters.defocus import Defocus
 from .filters.diffraction import Diffraction
 from .filters.fade import Fade
 from .filters.star import Star
+from .focusing.aovs import focus_aovs
 from .focusing.api import focus
 from .focusing.methods import Equation20, Layered, LightField, Method
 from .focusing.session import FocusSession
@@ -27,7 +28,7 @@ from .optics.polygon import Polygon
 from .optics.psf import PointSpreadFunction
 from .optics.telecentric import TelecentricLens
 from .samples.choosing import focus_distance_at, focus_distance_of
-from .samples.maps import circle_map
+from .samples.maps import aov_maps, circle_map
 from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
@@ -69,11 +70,13 @@ __all__ = [
     "Track",
     "VectorTrack",
     "Window",
+    "aov_maps",
     "aperture_of",
     "apply_filters",
     "circle_map",
     "evaluation",
     "focus",
+    "focus_aovs",
     "focus_distance_at",
     "focus_distance_of",
     "motion_vectors",

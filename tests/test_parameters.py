@@ -199,6 +199,8 @@ def columns():
         "time": np.zeros(count),
         "motion": np.zeros((count, 3)),
         "visibility_radius": (0.1, 0.1),
+        "aovs": np.zeros((count, 2)),
+        "aov_names": ("dd.T", "si.I"),
     }
 
 
@@ -492,6 +494,10 @@ ROWS: dict[str, Callable[[Things], Row]] = {
     "PointSamples.save": lambda it: Row(SAMPLES.save, {"path": it.place("out.samples")}),
     "PointSamples.load": lambda it: Row(pm.PointSamples.load, {"path": it.samples_file}),
     "PointSamples.chosen": lambda it: Row(SAMPLES.chosen, {"which": slice(0, 5)}),
+    "aov_maps": lambda it: Row(pm.aov_maps, {"samples": SAMPLES}),
+    "focus_aovs": lambda it: Row(
+        pm.focus_aovs, {"samples": SAMPLES, "lens": THIN, "method": "layered", "rfilter": None}
+    ),
     "motion_vectors": lambda it: Row(
         pm.motion_vectors,
         {"channels": np.ones((5, 2)), "convention": "pixels", "exposure": 0.5},
@@ -704,6 +710,7 @@ PLUGIN_ROWS["focus"] = {
         "filter": "star",
         "filter_2": "fade:amount=0.5",
         "denoise": False,
+        "focus_aovs": False,
     }
 }
 

@@ -72,6 +72,7 @@ def render_options(command: argparse.ArgumentParser) -> str:
 def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
+    from ..focusing.aovs import focus_aovs
     from ..focusing.api import focus
     from ..samples.formed import attributes_of_formed
     from ..samples.maps import maps_of
@@ -80,7 +81,7 @@ def render(options: argparse.Namespace) -> None:
     _check_outputs(options.output, form, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
-    samples = opened.sampled(options, opened.sampling)
+    samples = opened.sampled(options, opened.sampling_for(options.maps))
     maps = maps_of(samples, tuple(options.maps))
     picture = focus(
         samples,
@@ -89,6 +90,8 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
+    if opened.focus_aovs and _has_maps(options.output):
+        maps |= focus_aovs(samples, method=opened.method, rfilter=opened.film.rfilter())
     _write(picture, attributes_of_formed(samples, opened.method), options.output, maps, form)
     kept = [options.samples] if options.samples and not opened.not_kept else []
     report.written([*options.output, *kept], samples)
@@ -360,7 +363,7 @@ def _check_outputs(
     from .._files import require_writable
     from .._image import PICTURES, require_format
 
-    if maps and not any(path.lower().endswith(".exr") for path in pictures):
+    if maps and not _has_maps(pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
     for path in pictures:
@@ -371,6 +374,11 @@ def _check_outputs(
 
         require_writable(samples, ENDINGS)
         _require_apart(samples, pictures)
+
+
+def _has_maps(pictures: Sequence[str]) -> bool:
+    """Whether any of the files has room for further channels."""
+    return any(path.lower().endswith(".exr") for path in pictures)
 
 
 def _require_apart(source: str, pictures: Sequence[str]) -> None:

@@ -184,7 +184,8 @@ def add_maps(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--maps", nargs="+", choices=MAPS, default=[],
         help="further channels of an EXR: Z, depth along the axis; coc, diameter of the circle of "
-        "confusion in pixels, negative beyond the focus; id, of the surface",
+        "confusion in pixels, negative beyond the focus; id, of the surface; albedo and N, the "
+        "normal, of samples with features; aovs, those of an integrator aov, not blurred",
     )  # fmt: skip
 
 

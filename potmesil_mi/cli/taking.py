@@ -7,7 +7,7 @@ import dataclasses
 import math
 import shlex
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..motion.motion import Motion
+    from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
 
@@ -146,6 +147,7 @@ class Opened:
     denoise: bool
     method: Method
     filters: tuple[FilterFunction, ...]
+    focus_aovs: bool
     motion: Motion | None
     not_kept: list[OSError] = dataclasses.field(default_factory=list)
 
@@ -157,16 +159,18 @@ class Opened:
 
         method = given_method(options)
         filters: tuple[FilterFunction, ...] = ()
+        focus_aovs = False
         if options.denoise:
             require_extra()
         scene, sensor = scene_with_lens(options, lens)
         integrator = scene.integrator()
         if isinstance(integrator, FocusSettings):
             method, filters = given_method(options, integrator.method), integrator.filters
+            focus_aovs = integrator.focus_aovs
         sampling = given_sampling(options, integrator, unit_of(sensor))
         denoise = given_denoise(options, integrator)
         motion = given_motion(options, integrator)
-        return cls(scene, sensor, sampling, denoise, method, filters, motion)
+        return cls(scene, sensor, sampling, denoise, method, filters, focus_aovs, motion)
 
     @property
     def film(self) -> mi.Film:
@@ -179,6 +183,16 @@ class Opened:
         from ..plugins.settings import has_alpha
 
         return has_alpha(self.film)
+
+    def sampling_for(self, maps: Sequence[MapName]) -> Sampling:
+        """What ``maps`` need. Raises ``ValueError`` for AOVs where the integrator has none."""
+        from ..tracing.aovs import Aovs
+        from ..tracing.hidden_surface import nested_of
+
+        if "aovs" in maps and not Aovs.of(nested_of(self.scene.integrator())).names:
+            raise ValueError("maps=aovs: the integrator has none; put it into an aov")
+        features = self.sampling.features or not {"albedo", "normal"}.isdisjoint(maps)
+        return dataclasses.replace(self.sampling, features=features)
 
     def sampled(
         self,

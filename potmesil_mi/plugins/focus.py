@@ -12,8 +12,8 @@ import numpy as np
 from .._validation import shown
 from ..filters.base import Filter, parse_filter
 from ..tracing.sensor import has_lens
-from .settings import denoise_from, has_alpha, method_from
-from .wrapper import WrapperIntegrator
+from .settings import flag_from, has_alpha, method_from
+from .wrapper import WrapperIntegrator, stacked
 
 if TYPE_CHECKING:
     from ..samples.point_samples import PointSamples
@@ -64,6 +64,11 @@ class FocusIntegrator(WrapperIntegrator):
        - |bool|
        - Denoise the samples before they are focused, for which ``features`` are kept: see
          :meth:`potmesil_mi.PointSamples.denoised`. Needs the extra ``denoise``. (Default: false)
+     * - focus_aovs
+       - |bool|
+       - AOVs of a nested ``aov`` are blurred by the lens as colours are, and keep their names.
+         Every three of them take as long as the picture. (Default: false; channels such as
+         ``unfocused.dd.T`` have those of the sample nearest to the middle of each pixel)
      * - motion
        - |string|
        - A TOML file that tells what moves while the picture is exposed: tables ``[camera]``,
@@ -75,6 +80,12 @@ class FocusIntegrator(WrapperIntegrator):
      * - refine, focus_range
        - |float|, |string|
        - Where it is sampled more often, as for ``point_samples``.
+
+    AOVs of the nested integrator, such as those of Mitsuba's ``aov``, follow the colours in the
+    film. What is hidden from the pinhole has its own; what a mirror or a pane shows has those of
+    the mirror or pane. Distances (``depth``) are along the ray, from the near plane. What ``aov``
+    shows of its first nested integrator is the picture, and is not there twice. ``hide_emitters``
+    must be said of the ``aov``, too.
     """
 
     plugin = "focus"
@@ -83,7 +94,8 @@ class FocusIntegrator(WrapperIntegrator):
         super().__init__(props)
         self.method = method_from(props)
         self.filters = _filters(props)
-        self.denoise = denoise_from(props)
+        self.denoise = flag_from(props, "denoise")
+        self.focus_aovs = flag_from(props, "focus_aovs")
         if self.denoise:
             from ..samples.denoising import require_extra
 
@@ -96,8 +108,10 @@ class FocusIntegrator(WrapperIntegrator):
             raise TypeError("focus: needs a potmesil or thinlens sensor, this one has no lens")
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
-        """The picture through the samples' lens, and no further channels."""
+        """The picture through the samples' lens, and AOVs."""
+        from ..focusing.aovs import focus_aovs
         from ..focusing.api import focus
+        from ..samples.maps import aov_maps
 
         picture = focus(
             samples.denoised() if self.denoise else samples,
@@ -107,13 +121,25 @@ class FocusIntegrator(WrapperIntegrator):
             alpha=has_alpha(film),
         )
         image = np.array(picture)
-        return image, image[..., :0]
+        if self.focus_aovs:
+            planes = focus_aovs(samples, method=self.method, rfilter=film.rfilter())
+        else:
+            planes = aov_maps(samples)
+        return image, stacked(planes, image.shape[:2])
+
+    def aov_names(self) -> list[str]:
+        """Names of the channels beside the colours."""
+        from ..samples.maps import UNFOCUSED
+
+        names = self.nested_aovs()
+        return [*names] if self.focus_aovs else [*map(UNFOCUSED.format, names)]
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
         return (
             f"FocusIntegrator[method = {self.method}, filters = {[*map(str, self.filters)]}, "
-            f"denoise = {self.denoise}, sampling = {self.sampling}, nested = {self.nested}]"
+            f"denoise = {self.denoise}, focus_aovs = {self.focus_aovs}, "
+            f"sampling = {self.sampling}, nested = {self.nested}]"
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..optics.telecentric import TelecentricLens
 from ..tracing.sampling import Sampling
 from .settings import has_alpha
-from .wrapper import WrapperIntegrator
+from .wrapper import WrapperIntegrator, stacked
 
 if TYPE_CHECKING:
     from ..samples.point_samples import PointSamples
@@ -37,6 +37,8 @@ class PointSamplesIntegrator(WrapperIntegrator):
     ``id``      surface; 0 where nothing was hit
     ``weight``  weight of all the pixel's samples
     ==========  ==========================================================================
+
+    and AOVs of the nested integrator, such as those of Mitsuba's ``aov``, by their names.
 
     .. pluginparameters::
 
@@ -96,7 +98,7 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
     def aov_names(self) -> list[str]:
         """Names of the channels beside the colours."""
-        return list(AOVS)
+        return [*AOVS, *self.nested_aovs()]
 
     def film_sampling(self) -> Sampling:
         """What the pinhole sees of the film, as often in each pixel, and no more."""
@@ -104,14 +106,19 @@ class PointSamplesIntegrator(WrapperIntegrator):
 
     def form(self, samples: PointSamples, film: mi.Film) -> tuple[np.ndarray, np.ndarray]:
         """The pinhole picture, and the channels of a sample of each pixel."""
-        if not samples.moves:
-            return pinhole_picture(samples, film), pixel_channels(samples)
-        from ..focusing.smearing import samples_along_paths
+        from ..samples.maps import aov_maps
 
-        # What moves comes from beyond the film, too.
-        visible = samples.visible()
-        picture = pinhole_picture(samples_along_paths(visible), film)
-        return picture, pixel_channels(visible.crop(visible.crop_window))
+        visible = along = samples
+        if samples.moves:
+            from ..focusing.smearing import samples_along_paths
+
+            # What moves comes from beyond the film, too.
+            visible = samples.visible()
+            along = samples_along_paths(visible)
+            visible = visible.crop(visible.crop_window)
+        picture, channels = pinhole_picture(along, film), pixel_channels(visible)
+        aovs = stacked(aov_maps(visible), channels.shape[:2])
+        return picture, np.concatenate([channels, aovs], axis=-1)
 
     def to_string(self) -> str:
         """Text for the log and for ``print``."""

@@ -28,6 +28,7 @@ class FocusSettings(Protocol):
     method: Method
     filters: tuple[FilterFunction, ...]
     denoise: bool
+    focus_aovs: bool
 
 
 def method_from(props: mi.Properties) -> Method:
@@ -41,11 +42,11 @@ def method_from(props: mi.Properties) -> Method:
     return method_of(given.pop("method", "layered"), **given)
 
 
-def denoise_from(props: mi.Properties) -> bool:
-    """Whether samples are denoised. Raises ``TypeError`` for other than true or false."""
-    value = props.get("denoise", False)
+def flag_from(props: mi.Properties, name: str) -> bool:
+    """A parameter that is false by default. Raises ``TypeError`` for other than true or false."""
+    value = props.get(name, False)
     if not isinstance(value, bool):
-        raise TypeError(f"denoise={shown(value)}: must be true or false")
+        raise TypeError(f"{name}={shown(value)}: must be true or false")
     return value
 
 

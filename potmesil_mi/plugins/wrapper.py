@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import mitsuba as mi
@@ -52,6 +53,12 @@ class WrapperIntegrator(mi.CppADIntegrator):
         """What the film is to show: RGB (A), and the channels that ``aov_names`` names."""
         raise NotImplementedError
 
+    def nested_aovs(self) -> tuple[str, ...]:
+        """Names of the AOVs of the nested integrator that samples keep."""
+        from ..tracing.aovs import Aovs
+
+        return Aovs.of(self.nested).names
+
     def film_sampling(self) -> Sampling:
         """What is sampled where the film alone is asked for."""
         return self.sampling
@@ -96,3 +103,9 @@ class WrapperIntegrator(mi.CppADIntegrator):
         raise NotImplementedError(f"{self.plugin}: derivatives are not implemented yet")
 
     render_backward = render_forward
+
+
+def stacked(planes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """The channels of a picture of a ``shape``, (height, width, number of ``planes``)."""
+    channels = [plane[..., None] for plane in planes.values()]
+    return np.concatenate([np.empty((*shape, 0)), *channels], axis=-1)

@@ -29,7 +29,7 @@ import numpy as np
 from numcodecs import blosc
 
 from .._validation import require_whole, shown
-from .columns import COLUMNS, Columns, is_optional
+from .columns import COLUMNS, Columns, is_optional, shape_of
 from .header import TEXTS, Header, json_object
 from .raster import Window
 
@@ -71,7 +71,7 @@ def write(path: Path, header: Header, columns: Columns) -> None:
         **header.texts(VERSION),
         "window": json.dumps(header.window._asdict()),
         "surfaces": json.dumps({str(surface): name for surface, name in header.surfaces.items()}),
-        "columns": json.dumps(_schema(columns.present(), len(columns))),
+        "columns": json.dumps(_schema(columns.present(), len(columns), len(header.aov_names))),
     }
     with ThreadPoolExecutor() as pool, zipfile.ZipFile(path, "w") as archive:
         packed = {
@@ -93,16 +93,15 @@ def write(path: Path, header: Header, columns: Columns) -> None:
                     file.write(frame)
 
 
-def _schema(fields: list[Any], count: int) -> dict[str, Any]:
+def _schema(fields: list[Any], count: int, aovs: int) -> dict[str, Any]:
     """Types and shapes of columns of ``count`` samples, by their names, for JSON."""
-    schema = {}
-    for field in fields:
-        channels = field.metadata["channels"]
-        schema[field.name] = {
+    return {
+        field.name: {
             "dtype": np.dtype(field.metadata["dtype"]).newbyteorder("<").str,
-            "shape": [count, channels] if channels else [count],
+            "shape": list(shape_of(field, count, aovs)),
         }
-    return schema
+        for field in fields
+    }
 
 
 def _little_endian(column: np.ndarray) -> np.ndarray:
@@ -138,7 +137,8 @@ def read(path: Path) -> tuple[Header, Columns]:
         header = _header(archive, entries)
         columns: dict[str, np.ndarray] = {}
         jobs: list[Future[Any]] = []
-        for name, (dtype, shape) in _described(archive, entries).items():
+        described = _described(archive, entries, len(header.aov_names))
+        for name, (dtype, shape) in described.items():
             packed = archive.read(entries.pop(name))
             if math.prod(shape) * dtype.itemsize > MOST_RATIO * len(packed):
                 raise ValueError(f"is truncated or damaged: its column {name} is too short")
@@ -205,11 +205,11 @@ def _require_surfaces(surfaces: Mapping[int, str]) -> None:
 
 
 def _described(
-    archive: zipfile.ZipFile, entries: dict[str, zipfile.ZipInfo]
+    archive: zipfile.ZipFile, entries: dict[str, zipfile.ZipInfo], aovs: int
 ) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
     """Type and shape of the columns that there are, by their names: see :func:`_schema`.
 
-    They must be what ``Columns`` has, and be there.
+    They must be what ``Columns`` has, with so many ``aovs``, and be there.
     """
     said = _object(archive, entries, "columns")
     try:
@@ -218,7 +218,7 @@ def _described(
         raise ValueError("columns.json: must have the shape of x") from None
     require_whole("columns.json: number of samples", count, 1, MOST_SAMPLES)
     fields = [field for field in COLUMNS if field.name in said or not is_optional(field)]
-    expected = _schema(fields, count)
+    expected = _schema(fields, count, aovs)
     for name in {**expected, **said}:
         if name not in said or said[name] != expected.get(name):
             raise ValueError(

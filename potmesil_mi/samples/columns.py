@@ -26,6 +26,7 @@ _LAYER: dict[str, Any] = {"dtype": np.uint8, "channels": 0}
 _OPTIONAL_FLOAT: dict[str, Any] = {"dtype": np.float32, "channels": 0, "optional": True}
 _VISIBILITY: dict[str, Any] = {"dtype": np.uint64, "channels": 0, "optional": True}
 _OPTIONAL_VECTOR: dict[str, Any] = {"dtype": np.float32, "channels": 3, "optional": True}
+_AOVS: dict[str, Any] = {"dtype": np.float32, "channels": None, "optional": True}
 
 ELSEWHERE = 255
 """``layer`` of what is on none of the rays of the pinhole."""
@@ -87,6 +88,8 @@ class Columns:
                                   units, change during the part of the exposure that the sample
                                   stands for, half of it before its ``time`` and half after;
                                   ``None`` where all stands still
+    ``aovs``                      float32 (N, K), further values that the nested integrator has of
+                                  the sample's ray; ``None`` where it has none
     ============================  ==========================================================
 
     What is given becomes arrays of these types, without a copy where it is one. Raises
@@ -108,6 +111,7 @@ class Columns:
     normal: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
     time: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_FLOAT)
     motion: np.ndarray | None = dataclasses.field(default=None, metadata=_OPTIONAL_VECTOR)
+    aovs: np.ndarray | None = dataclasses.field(default=None, metadata=_AOVS)
 
     def __post_init__(self) -> None:
         count = require_numbers("x", self.x).size
@@ -115,8 +119,7 @@ class Columns:
             object.__setattr__(self, "layer", np.zeros(count, dtype=np.uint8))
         for field in self.present():
             values = require_numbers(field.name, getattr(self, field.name))
-            channels = field.metadata["channels"]
-            expected = (count, channels) if channels else (count,)
+            expected = shape_of(field, count, values.shape[1] if values.ndim == 2 else 1)
             if values.shape != expected:
                 raise ValueError(
                     f"{field.name}={shown(values)}: has shape {values.shape}, must have "
@@ -198,7 +201,14 @@ class Columns:
         columns: dict[str, Any] = {}
 
         def join(field: dataclasses.Field[Any]) -> None:
-            columns[field.name] = np.concatenate([_column(part, field) for part in parts])
+            own = [getattr(part, field.name) for part in parts]
+            like = next(values for values in own if values is not None)
+            columns[field.name] = np.concatenate(
+                [
+                    zeros_like(like, len(part)) if values is None else values
+                    for part, values in zip(parts, own, strict=True)
+                ]
+            )
 
         # New memory of this size takes longer to get than to fill.
         for_each(join, [field for field in COLUMNS if any(field.name in own for own in names)])
@@ -258,6 +268,19 @@ def is_optional(field: dataclasses.Field[Any]) -> bool:
     return bool(field.metadata.get("optional", False))
 
 
+def shape_of(field: dataclasses.Field[Any], count: int, aovs: int = 0) -> tuple[int, ...]:
+    """The shape of a column of ``count`` samples, which have so many ``aovs``."""
+    channels = field.metadata["channels"]
+    if channels is None:
+        channels = max(aovs, 1)
+    return (count, channels) if channels else (count,)
+
+
+def zeros_like(column: np.ndarray, count: int) -> np.ndarray:
+    """A column of ``count`` zeros, whose memory costs nothing until it is written to."""
+    return np.zeros((count, *column.shape[1:]), column.dtype)
+
+
 def _in_type(name: str, values: np.ndarray, dtype: Any) -> np.ndarray:
     """The column in its type. Raises ``ValueError`` for what a type of whole numbers has not."""
     kind = np.dtype(dtype)
@@ -287,15 +310,6 @@ def _indices(which: Any, count: int) -> np.ndarray:
     return chosen
 
 
-def _column(columns: Columns, field: dataclasses.Field[Any]) -> np.ndarray:
-    """A column, of zeros where it is not there."""
-    values: np.ndarray | None = getattr(columns, field.name)
-    if values is not None:
-        return values
-    channels = field.metadata["channels"]
-    return np.zeros((len(columns), channels) if channels else len(columns), field.metadata["dtype"])
-
-
 COLUMNS: tuple[dataclasses.Field[Any], ...] = dataclasses.fields(Columns)
-"""The schema: name of each column, and in its ``metadata`` the ``dtype`` and ``channels``, and
-whether it is ``optional``."""
+"""The schema: name of each column, and in its ``metadata`` the ``dtype`` and ``channels``, ``None``
+for any number of them, and whether it is ``optional``."""

@@ -29,6 +29,9 @@ over, 0 to 1, and ``motion.X``, ``motion.Y`` and ``motion.Z``: by how much their
 during the part of the exposure that they stand for, in pixels to the right and downwards, and their
 depth in scene units away from the camera.
 
+AOVs of samples have channels named after them, such as ``aov.dd.T``, not multiplied by ``A``
+either; ``aov_names`` of ``potmesil:samples`` has their order.
+
 Version 1 had neither hidden samples nor overscan, and positions relative to the pixel. Versions
 1 and 2 call the lens's ``film`` ``image_distance``.
 
@@ -63,6 +66,7 @@ _LAYER = "potmesil.layer"
 _THROUGH = "potmesil.through"
 _VISIBILITY = ("potmesil.visibility0", "potmesil.visibility1")
 _TIME = "time"
+_AOV = "aov.{}"
 _VECTORS = {
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
     "normal": ("N.X", "N.Y", "N.Z"),
@@ -76,9 +80,9 @@ def write(path: Path, header: Header, columns: Columns) -> None:
     """Write samples to a deep EXR."""
     attributes = _attributes(header)
     hidden = columns.layer > 0
-    parts = [OpenEXR.Part(attributes, _channels(columns, header.window, ~hidden), name="visible")]
+    parts = [OpenEXR.Part(attributes, _channels(columns, header, ~hidden), name="visible")]
     if hidden.any():
-        channels = _channels(columns, header.window, hidden)
+        channels = _channels(columns, header, hidden)
         parts.append(OpenEXR.Part(dict(attributes), channels, name="hidden"))
     with OpenEXR.File(parts) as file:
         file.write(str(path))
@@ -106,7 +110,7 @@ def read(path: Path) -> tuple[Header, Columns]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
         if len(file.parts) < parts:  # parts that cannot be read are left out
             raise ValueError("is truncated or damaged")
-        read = [_columns(part.channels, header.window, version) for part in file.parts]
+        read = [_columns(part.channels, header, version) for part in file.parts]
     columns = [part for part in read if part is not None]
     if not columns:
         raise ValueError("there are no samples in it")
@@ -159,8 +163,9 @@ def _parsed(attributes: dict[str, Any]) -> tuple[Header, int]:
     return Header.parse(texts, ATTRIBUTE, VERSION, window, surfaces)
 
 
-def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str, np.ndarray]:
+def _channels(columns: Columns, header: Header, chosen: np.ndarray) -> dict[str, np.ndarray]:
     """The deep channels of the ``chosen`` samples."""
+    window = header.window
     which = np.flatnonzero(chosen)
     pixel = window.pixel_of(columns.x[which], columns.y[which])
     counts = np.bincount(pixel, minlength=window.size)
@@ -191,7 +196,8 @@ def _channels(columns: Columns, window: Window, chosen: np.ndarray) -> dict[str,
         channels |= dict(zip(_VISIBILITY, np.ascontiguousarray(halves.T), strict=True))
     if columns.time is not None:
         channels[_TIME] = columns.time[order]
-    for column, names in _VECTORS.items():
+    several = {**_VECTORS, "aovs": _aov_channels(header)}
+    for column, names in several.items():
         values = getattr(columns, column)
         if values is not None:
             channels |= dict(zip(names, np.ascontiguousarray(values[order].T), strict=True))
@@ -209,9 +215,15 @@ def _per_pixel(values: np.ndarray, counts: np.ndarray, window: Window) -> np.nda
     return pixels.reshape(window.shape)
 
 
-def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns | None:
+def _aov_channels(header: Header) -> list[str]:
+    """The names of the channels of AOVs."""
+    return [_AOV.format(name) for name in header.aov_names]
+
+
+def _columns(channels: dict[str, Any], header: Header, version: int) -> Columns | None:
     """The samples of one part of a file; none where it has no samples."""
-    names = ["R", "G", "B", "Z", "id", *_OWN]
+    window, of_aovs = header.window, _aov_channels(header)
+    names = ["R", "G", "B", "Z", "id", *_OWN, *of_aovs]
     optional = _LAYER, _THROUGH, _TIME, *_VISIBILITY, *itertools.chain(*_VECTORS.values())
     names += [name for name in optional if name in channels]
     absent = [name for name in names if name not in channels]
@@ -243,6 +255,7 @@ def _columns(channels: dict[str, Any], window: Window, version: int) -> Columns 
         through=flat.get(_THROUGH),
         visibility=visibility,
         time=flat.get(_TIME),
+        aovs=np.stack([flat[name] for name in of_aovs], axis=1) if of_aovs else None,
         **_vectors(flat),
     )
 

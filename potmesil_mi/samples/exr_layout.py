@@ -15,6 +15,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from .aovs import MOST_AOVS
+
 MULTIPART = 0x1000
 """Bit of the version field: several parts, each with a header; an empty one ends them."""
 
@@ -27,8 +29,8 @@ MOST_PARTS = 16
 LONGEST_NAME = 255
 """Most characters of the name of an attribute or of its type."""
 
-MOST_CHANNELS = 32
-"""Channels of a part; this package writes ten to twenty."""
+MOST_CHANNELS = 32 + MOST_AOVS
+"""Channels of a part; this package writes ten to twenty beside AOVs."""
 
 USUAL_CHANNELS = 12
 """Channels with which the following two numbers are enough; more take more, as many as they are."""

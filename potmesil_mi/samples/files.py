@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from .._files import require_readable, require_writable, written_whole
+from .aovs import require_named
 from .columns import Columns, require_visibility_radius
 from .header import Header
 
@@ -94,6 +95,7 @@ def _format(path: Path) -> ModuleType:
 def _require_usable(header: Header, columns: Columns) -> None:
     """Raise ``ValueError`` for samples of which no picture can be formed."""
     require_visibility_radius(header.visibility_radius, columns.visibility is not None)
+    require_named(header.aov_names, columns.aovs)
     if not columns.all_valid:
         raise ValueError(
             f"is damaged: {np.count_nonzero(~columns.is_valid())} of {len(columns)} samples have "

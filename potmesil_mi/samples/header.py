@@ -17,6 +17,7 @@ from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TYPE, TelecentricLens
 from ..optics.usable import require_magnitude, require_usable_together
+from .aovs import require_aov_names
 from .columns import require_visibility_radius
 from .provenance import Provenance, checked_provenance
 from .raster import Window
@@ -42,6 +43,7 @@ class Header:
     ``visibility_radius``         half-widths of the lens of which samples have visibility, or
                                   ``None``
     ``provenance``                how the samples were made
+    ``aov_names``                 those of the AOVs of samples
     ============================  ==========================================================
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
@@ -55,11 +57,13 @@ class Header:
     lattice: int
     visibility_radius: Sequence[float] | None = None
     provenance: Provenance = dataclasses.field(default_factory=dict)
+    aov_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         for half_width in self.visibility_radius or ():
             require_magnitude("visibility_radius", half_width)
+        require_aov_names(self.aov_names)
         crop = Window(*self.camera.crop_offset, *self.camera.crop_size)
         if not self.window.covers(crop):
             raise ValueError(
@@ -75,6 +79,8 @@ class Header:
             about["visibility_radius"] = list(self.visibility_radius)
         if self.provenance:
             about["provenance"] = dict(self.provenance)
+        if self.aov_names:
+            about["aov_names"] = list(self.aov_names)
         values = {"camera": self.camera.to_dict(), "lens": self.lens.to_dict(), "samples": about}
         return {name: json.dumps(value) for name, value in values.items()}
 
@@ -96,6 +102,7 @@ class Header:
         about = values["samples"]
         radius = about.pop("visibility_radius", None)
         provenance = checked_provenance(about.pop("provenance", {}))
+        aov_names = about.pop("aov_names", ())
         if about.keys() != {"version", "lattice"}:
             name = names.format("samples")
             raise ValueError(f"{name}: must be a JSON object with lattice, version")
@@ -115,6 +122,7 @@ class Header:
             about["lattice"],
             None if radius is None else (float(radius[0]), float(radius[1])),
             provenance,
+            aov_names,
         )
         return header, version
 

@@ -1,4 +1,4 @@
-"""Maps of what the pinhole sees: depth, circle of confusion and surface of each pixel.
+"""Maps of what the pinhole sees: depth, circle of confusion, surface and the like of each pixel.
 
 Other programs take them beside the picture: Nuke's and Fusion's depth of field, mattes. One number
 for a pixel is that of the sample nearest to its middle, without antialiasing.
@@ -7,6 +7,7 @@ for a pixel is that of the sample nearest to its middle, without antialiasing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,13 +18,13 @@ from .choosing import require_samples
 from .circles import circle_diameter
 from .point_samples import PointSamples
 
-MapName = Literal["depth", "coc", "id"]
-"""Maps that are written into the channels ``Z``, ``coc`` and ``id`` of an EXR."""
+MapName = Literal["depth", "coc", "id", "albedo", "normal", "aovs"]
+"""Maps that are written into further channels of an EXR; see :func:`maps_of`."""
 
 MAPS: tuple[MapName, ...] = get_args(MapName)
 
-CHANNELS: dict[MapName, str] = {"depth": "Z", "coc": "coc", "id": "id"}
-"""Names of their channels."""
+UNFOCUSED = "unfocused.{}"
+"""Names of channels of AOVs that no lens has blurred, as the colours beside them are."""
 
 
 def depth_map(samples: PointSamples) -> np.ndarray:
@@ -61,14 +62,50 @@ def maps_of(
 ) -> dict[str, np.ndarray]:
     """Several maps by the names of their channels.
 
-    Raises ``ValueError`` for ids that single precision, in which maps are written, has not.
+    They are ``Z``, ``coc``, ``id``, ``albedo.R`` and so on, ``N.X`` and so on, and of AOVs
+    ``UNFOCUSED`` ones. Raises ``ValueError`` for ids that single precision, in which maps are
+    written, has not, and for what the samples do not have.
     """
-    made = {
-        "depth": lambda: depth_map(samples),
-        "coc": lambda: circle_map(samples, lens),
-        "id": lambda: _in_single_precision(surface_map(samples)),
+    made: dict[MapName, Callable[[], dict[str, np.ndarray]]] = {
+        "depth": lambda: {"Z": depth_map(samples)},
+        "coc": lambda: {"coc": circle_map(samples, lens)},
+        "id": lambda: {"id": _in_single_precision(surface_map(samples))},
+        "albedo": lambda: _planes(samples, "albedo", [f"albedo.{last}" for last in "RGB"]),
+        "normal": lambda: _planes(samples, "normal", [f"N.{last}" for last in "XYZ"]),
+        "aovs": lambda: _planes(samples, "aovs", list(map(UNFOCUSED.format, samples.aov_names))),
     }
-    return {CHANNELS[name]: made[name]() for name in names}
+    return {channel: plane for name in names for channel, plane in made[name]().items()}
+
+
+def aov_maps(samples: PointSamples) -> dict[str, np.ndarray]:
+    """The AOVs of each pixel of the crop window, by their names, float32 (H, W) each.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``samples``                   point samples, of which those have AOVs that come from an
+                                  integrator with some, such as Mitsuba's ``aov``
+    ============================  ==========================================================
+
+    They are those of the visible sample nearest to the middle of the pixel, so that ids and depths
+    are not mixed, and 0 where there is none; no lens blurs them. See
+    :func:`potmesil_mi.focus_aovs` for what does. Without AOVs there are no maps. Raises
+    ``TypeError`` for other than samples.
+    """
+    require_samples(samples)
+    return _planes(samples, "aovs", samples.aov_names) if samples.aov_names else {}
+
+
+def _planes(
+    samples: PointSamples, column: MapName, channels: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """The maps of a column of several numbers, by the names of their ``channels``."""
+    values: np.ndarray | None = getattr(samples, column)
+    if values is None:
+        source = "an integrator aov" if column == "aovs" else "Sampling(features=True)"
+        raise ValueError(f"{column}: the samples have none, which {source} would give them")
+    planes = _of_middles(samples, values, 0)
+    return {name: planes[..., i] for i, name in enumerate(channels)}
 
 
 def _in_single_precision(ids: np.ndarray) -> np.ndarray:
@@ -87,6 +124,6 @@ def _of_middles(samples: PointSamples, column: np.ndarray, otherwise: float) -> 
     apart = np.hypot(x % 1 - 0.5, y % 1 - 0.5)
     # The last that is written stays: the nearest to the middle and, of several there, the largest.
     order = np.lexsort((samples.weight[inside], -apart))
-    found = np.full(crop.size, otherwise, column.dtype)
+    found = np.full((crop.size, *column.shape[1:]), otherwise, column.dtype)
     found[pixel[order]] = column[inside][order]
-    return found.reshape(crop.shape)
+    return found.reshape(*crop.shape, *column.shape[1:])

@@ -28,10 +28,12 @@ def merged(
     camera: Camera,
     lens: ThinLens | TelecentricLens,
     tolerance: float,
+    are_ids: np.ndarray,
 ) -> Columns:
     """The merged samples, by the rule of :meth:`PointSamples.merge`.
 
     ``pixel`` is that of each sample; ``tolerance`` is in pixels of the circle's diameter.
+    ``are_ids``, bool (K,), says of which AOVs there is no mean.
     """
     circle = lens.circle_of_confusion(samples.z.astype(np.float64))
     telecentric = isinstance(lens, TelecentricLens)
@@ -61,6 +63,9 @@ def merged(
         sums = np.add.reduceat(values[order] * scale, first, axis=0)
         return sums / (total if values.ndim == 1 else total[:, None])
 
+    aovs = None
+    if samples.aovs is not None:
+        aovs = np.where(are_ids, samples.aovs[order][first], mean(samples.aovs))
     with np.errstate(divide="ignore"):
         depth = samples.z.astype(np.float64)
         z = mean(depth) if telecentric else 1 / mean(1 / depth)
@@ -78,5 +83,6 @@ def merged(
         normal=None if samples.normal is None else mean(samples.normal),
         time=None if samples.time is None else samples.time[order][first],
         motion=None if samples.motion is None else mean(samples.motion),
+        aovs=aovs,
         weight=total,
     )

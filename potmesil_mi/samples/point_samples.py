@@ -23,6 +23,7 @@ from ..optics.depth import Clip, DepthKind
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
+from .aovs import are_ids, require_aov_names, require_named
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
 from .header import Header
@@ -57,6 +58,8 @@ class Changes(TypedDict, total=False):
     normal: np.ndarray | None
     time: np.ndarray | None
     motion: np.ndarray | None
+    aovs: np.ndarray | None
+    aov_names: Sequence[str]
     visibility_radius: Sequence[float] | None
     camera: Camera
     lens: ThinLens | TelecentricLens
@@ -108,6 +111,9 @@ class PointSamples(Columns):
                                   units, change during the part of the exposure that the sample
                                   stands for, half of it before its ``time`` and half after;
                                   ``None`` (default) where all stands still
+    ``aovs``, ``aov_names``       float32 (N, K), further values that the nested integrator has of
+                                  the sample's ray, and their K names, such as ``dd.T``; ``None``
+                                  and () (default) where it has none
     ``visibility_radius``         half-widths (across, down) of that lens, in scene units;
                                   ``None`` without ``visibility``
     ``camera``, ``lens``          the pinhole that took them, the lens that came with it; for an
@@ -127,7 +133,8 @@ class PointSamples(Columns):
     normal longer than 1 or a motion that is not finite or goes through the camera are dropped, with
     a ``RuntimeWarning`` that counts them. Raises ``ValueError`` for
     columns of unequal length or wrong shape, for a window of less than one pixel, for
-    ``visibility`` without the lens's half-widths or these without it, and where no sample is left,
+    ``visibility`` without the lens's half-widths or these without it, for AOVs without a name
+    each, and where no sample is left,
     ``TypeError`` for a window of other than whole numbers.
     """
 
@@ -138,6 +145,7 @@ class PointSamples(Columns):
     window: Window = OF_DEFAULT
     visibility_radius: Sequence[float] | None = None
     provenance: Provenance = dataclasses.field(default_factory=dict)
+    aov_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
@@ -148,6 +156,8 @@ class PointSamples(Columns):
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
+        object.__setattr__(self, "aov_names", require_aov_names(self.aov_names))
+        require_named(self.aov_names, self.aovs)
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
             for field in self.present():
@@ -369,7 +379,7 @@ class PointSamples(Columns):
         require_mergeable(self.camera, lens, tolerance)
         if self.lattice > 0:
             return self
-        columns = merged(self, self.pixel(), self.camera, lens, tolerance)
+        columns = merged(self, self.pixel(), self.camera, lens, tolerance, are_ids(self.aov_names))
         return self.replace(**vars(columns))
 
     def denoised(self) -> PointSamples:
@@ -411,6 +421,7 @@ class PointSamples(Columns):
             self.lattice,
             self.visibility_radius,
             self.provenance,
+            self.aov_names,
         )
         files.write(path, header, self)
 
@@ -434,4 +445,5 @@ class PointSamples(Columns):
             window=header.window,
             visibility_radius=header.visibility_radius,
             provenance=header.provenance,
+            aov_names=header.aov_names,
         )

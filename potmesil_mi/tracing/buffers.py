@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..samples.columns import COLUMNS, Columns, is_optional, parts_of
+from ..samples.columns import COLUMNS, Columns, is_optional, parts_of, shape_of, zeros_like
 
 SCHEMA = {field.name: field for field in COLUMNS}
 """The schema of the columns by their names."""
@@ -35,6 +35,8 @@ class Traced:
                                   where it has nothing to tell
     ``surface``                   id of the surface, 0 for none
     ``albedo``, ``normal``        its :class:`potmesil_mi.tracing.features.Features`, if wanted
+    ``aovs``                      K values of the integrator, if it has any: see
+                                  :class:`potmesil_mi.tracing.aovs.Aovs`
     ============================  ==========================================================
     """
 
@@ -44,6 +46,7 @@ class Traced:
     surface: mi.UInt32
     albedo: mi.Color3f | None = None
     normal: mi.Normal3f | None = None
+    aovs: mi.ArrayXf | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +54,8 @@ class Shown:
     """What rays show, on the host: the fields of :class:`Traced`.
 
     ``rgb`` is float32 (N, 3), ``alpha`` and ``z`` float32 (N,), ``surface`` uint32 (N,);
-    ``albedo`` and ``normal`` are float32 (N, 3), or ``None``, which stands for zeros.
+    ``albedo`` and ``normal`` are float32 (N, 3), ``aovs`` (N, K), or ``None``, which stands for
+    zeros.
     """
 
     rgb: np.ndarray
@@ -60,6 +64,7 @@ class Shown:
     surface: np.ndarray
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
+    aovs: np.ndarray | None = None
 
     @classmethod
     def empty(cls, count: int) -> Shown:
@@ -82,8 +87,9 @@ class Shown:
     def room_for(self, count: int) -> Shown:
         """Memory for ``count`` rays, with the columns of these."""
         room = Shown.empty(count)
-        more = self.columns().keys() - room.columns().keys()
-        return dataclasses.replace(room, **{name: _zeros(name, count) for name in more})
+        own = self.columns()
+        more = own.keys() - room.columns().keys()
+        return dataclasses.replace(room, **{name: zeros_like(own[name], count) for name in more})
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns that there are, by their names."""
@@ -95,10 +101,10 @@ class Shown:
 
     def followed_by(self, other: Shown) -> Shown:
         """These rays and then those of ``other``."""
-        names = (self.columns() | other.columns()).keys()
-        both = self._with(names), other._with(names)
+        there = self.columns() | other.columns()
+        both = self._with(there), other._with(there)
         return Shown(
-            **{name: np.concatenate([vars(part)[name] for part in both]) for name in names}
+            **{name: np.concatenate([vars(part)[name] for part in both]) for name in there}
         )
 
     def put(self, part: slice, other: Shown) -> None:
@@ -106,17 +112,23 @@ class Shown:
         for name, column in self.columns().items():
             column[part] = vars(other)[name]
 
-    def _with(self, names: Iterable[str]) -> Shown:
-        """These rays, with zeros for those of the columns ``names`` that there are not."""
-        absent = [name for name in names if vars(self)[name] is None]
-        return dataclasses.replace(self, **{name: _zeros(name, len(self.z)) for name in absent})
+    def _with(self, columns: Mapping[str, np.ndarray]) -> Shown:
+        """These rays, with zeros for what they do not have, as others do, of these ``columns``."""
+        absent = columns.keys() - self.columns().keys()
+        zeros = {name: zeros_like(columns[name], len(self.z)) for name in absent}
+        return dataclasses.replace(self, **zeros)
 
     def averaged(self, paths: int) -> Shown:
         """One ray in the place of each ``paths`` rays after each other.
 
-        It has the mean of their radiance and alpha, and the rest of the first.
+        It has the mean of their radiance, alpha and AOVs, and the rest of the first.
         """
         first = self[::paths]
+        if self.aovs is not None:
+            # In double precision the mean of equal numbers is that number, also of ids.
+            every = self.aovs.reshape(len(first.z), paths, -1)
+            means = every.mean(axis=1, dtype=np.float64).astype(np.float32)
+            first = dataclasses.replace(first, aovs=means)
         return dataclasses.replace(
             first,
             rgb=self.rgb.reshape(-1, paths, 3).mean(axis=1),
@@ -134,16 +146,14 @@ def to_host(traced: Traced, *more: mi.Float | mi.UInt8) -> tuple[Shown, list[np.
     flat = [dr.ravel(array) for array in (*arrays.values(), *more)]
     dr.eval(flat)
     host = [np.asarray(values) for values in flat]
+    aovs = 0 if traced.aovs is None else len(traced.aovs)
     columns = {
-        name: values.reshape(_shape(name, -1)) for name, values in zip(arrays, host, strict=False)
+        name: values.reshape(shape_of(SCHEMA[name], -1, aovs))
+        for name, values in zip(arrays, host, strict=False)
     }
+    if aovs:  # They may all be constants, which Dr.Jit has once.
+        columns["aovs"] = np.broadcast_to(columns["aovs"], (len(columns["z"]), aovs))
     return Shown(**columns), host[len(arrays) :]
-
-
-def _shape(name: str, count: int) -> tuple[int, ...]:
-    """The shape of a column of so many samples."""
-    channels = SCHEMA[name].metadata["channels"]
-    return (count, channels) if channels else (count,)
 
 
 class SampleBuffer:
@@ -224,7 +234,7 @@ class SampleBuffer:
         """Overwrite columns of some samples. One that is new to the memory is 0 elsewhere."""
         for name, column in values.items():
             if name not in self._memory:
-                self._memory[name] = _zeros(name, len(self._memory["x"]))
+                self._memory[name] = zeros_like(np.asarray(column), len(self._memory["x"]))
             self._memory[name][which] = column
 
     def _moved(self, memory: np.ndarray, capacity: int) -> np.ndarray:
@@ -234,18 +244,13 @@ class SampleBuffer:
         return larger
 
 
-def _zeros(name: str, count: int) -> np.ndarray:
-    """A column of zeros, whose memory costs nothing until it is written to."""
-    return np.zeros(_shape(name, count), SCHEMA[name].metadata["dtype"])
-
-
 def _empty(name: str, count: int) -> np.ndarray:
     """Memory for a column; on the CPU of Dr.Jit, which keeps it for the next samples.
 
     What NumPy gives back to the system is slow to get again. Of many samples that is little of the
     time that they take, and Dr.Jit would take up to twice what they need.
     """
-    shape, dtype = _shape(name, count), SCHEMA[name].metadata["dtype"]
+    shape, dtype = shape_of(SCHEMA[name], count), SCHEMA[name].metadata["dtype"]
     kind = getattr(mi, KINDS[dtype])
     if count > MOST_KEPT or dr.backend_v(kind) != dr.JitBackend.LLVM:
         return np.empty(shape, dtype)

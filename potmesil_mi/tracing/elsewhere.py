@@ -158,6 +158,7 @@ class _Finder:
             visibility=visibility,
             albedo=shown.albedo,
             normal=shown.normal,
+            aovs=shown.aovs,
         )
         return found.chosen((own > 0) & found.is_valid() & (part > 0))
 

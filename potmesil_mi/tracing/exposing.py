@@ -362,6 +362,7 @@ def _joined(
         window=_around([of.window for of in found]),
         visibility_radius=known if columns.visibility is not None else None,
         provenance=provenance,
+        aov_names=found[0].aov_names,
     )
 
 

@@ -24,6 +24,7 @@ from ..optics.usable import require_usable_together
 from ..samples.columns import COLUMNS, Columns, parts_of
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .aovs import Aovs
 from .buffers import MOST_KEPT, SampleBuffer
 from .elsewhere import seen_elsewhere
 from .exposing import exposed
@@ -155,9 +156,8 @@ def _sampled(
     veils = VeilKinds(False, False)
     if sampling.virtual_depth:
         veils = veil_kinds(scene, sensor, integrator)
-    rays = PrimaryRays(
-        scene, sensor, integrator, passes, crop, ids, follows_windows, veils, sampling.features
-    )
+    kept = sampling.features, Aovs.of(integrator)
+    rays = PrimaryRays(scene, sensor, integrator, passes, crop, ids, follows_windows, veils, *kept)
     widest = sensor.lens()
     if sampling.min_f_number is not None:
         if isinstance(widest, TelecentricLens):
@@ -175,7 +175,9 @@ def _sampled(
     if sweep is not None:
         window = window.grown(math.ceil(sweep.reach))
     require_memory(
-        memory_of_sampling(crop, window, passes.spp, sampling, rays.may_see_images),
+        memory_of_sampling(
+            crop, window, passes.spp, sampling, rays.may_see_images, len(rays.aovs.names)
+        ),
         f"sampling {window.width}x{window.height} pixels, {passes.spp} samples each and "
         f"{sampling.refine:.0%} more,",
         "fewer samples (spp), a smaller film or crop windows of it take less",
@@ -197,6 +199,7 @@ def _sampled(
         window=window,
         visibility_radius=radius if columns.visibility is not None else None,
         provenance=provenance_of(integrator, passes, sampling, widest),
+        aov_names=rays.aovs.names,
     )
 
 

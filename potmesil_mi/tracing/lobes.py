@@ -91,6 +91,7 @@ def part_lobes(
         visibility=seen.visibility,
         albedo=shown.albedo,
         normal=shown.normal,
+        aovs=shown.aovs,
     )
     rgb = (light / kept[:, None]).astype(np.float32)
     kept_light = dataclasses.replace(Shown.of(columns, lit), rgb=rgb)
@@ -118,7 +119,7 @@ def by_lobe(
     """What a ray of a ``weight`` shows by a chain of surfaces alone, and the share of that.
 
     The chain goes by the ``lesser`` lobe of that number, if it is not ``NO_LOBE``; where there is
-    none, both are 0.
+    none, both are 0. AOVs are those of the whole ray, as for what comes by the other lobe.
     """
     visible = rays.visible(mi.Ray3f(ray), lesser)
     there = visible.by_lesser | (lesser == NO_LOBE)
@@ -126,4 +127,6 @@ def by_lobe(
     surface = rays.surface_of(visible.hit)
     weight = weight * mi.Spectrum(dr.select(there, visible.throughput, 0))
     traced = rays.shaded(last, weight, visible.depth, surface, None, visible.hit)
+    if rays.aovs.names:
+        traced = dataclasses.replace(traced, aovs=rays.aovs_along(ray))
     return traced, dr.select(there, visible.share, 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..samples.columns import COLUMNS, is_optional
 from ..samples.raster import Window
 from .passes import WAVEFRONT
@@ -25,12 +27,17 @@ BYTES_OF_WINDOWS = 40.0
 
 
 def memory_of_sampling(
-    crop: Window, window: Window, spp: int, sampling: Sampling, follows_windows: bool
+    crop: Window,
+    window: Window,
+    spp: int,
+    sampling: Sampling,
+    follows_windows: bool,
+    aovs: int = 0,
 ) -> float:
     """Bytes that sampling takes at its largest, beside the scene, of scenes that are not crowded.
 
     ``window`` is what is sampled around the ``crop`` window, with ``spp`` samples a pixel;
-    ``follows_windows`` tells whether there may be mirrors or glass.
+    ``follows_windows`` tells whether there may be mirrors or glass, ``aovs`` the number of AOVs.
     """
     features = ("albedo", "normal") if sampling.features else ()
     of_sample = sum(
@@ -38,11 +45,13 @@ def memory_of_sampling(
         for field in COLUMNS
         if not is_optional(field) or field.name in features
     )
+    of_aovs = np.dtype(np.float32).itemsize * aovs
+    of_sample += of_aovs
     if follows_windows:
         of_sample += BYTES_OF_WINDOWS
     each = of_sample
     if sampling.layers > 1:
         each += USUALLY_HIDDEN * (of_sample + BYTES_OF_HIDDEN)
     count = visible_count(crop, window, spp, sampling)
-    at_once = BYTES_OF_RAY * min(count, WAVEFRONT)
+    at_once = (BYTES_OF_RAY + of_aovs) * min(count, WAVEFRONT)
     return BYTES_AT_LEAST + at_once + each * count

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..samples.raster import Window
+from .aovs import Aovs
 from .buffers import Traced
 from .clearance import ray_from
 from .features import Features
@@ -42,6 +43,7 @@ class PrimaryRays:
     ``follows_windows``           whether depth is that of images in mirrors and glass
     ``veils``                     whether there are veils, whose samples are told apart
     ``features``                  whether albedo and normal are kept
+    ``aovs``                      which AOVs of the integrator are kept
     ============================  ==========================================================
     """
 
@@ -54,6 +56,7 @@ class PrimaryRays:
     follows_windows: bool
     veils: VeilKinds
     features: bool
+    aovs: Aovs
 
     def trace(self, position: mi.Point2f) -> Traced:
         """Radiance, depth and surface of the rays through ``position``, in pixels of the film.
@@ -86,7 +89,7 @@ class PrimaryRays:
         ray, ray_weight = self.sampled(position)
         _begin_at(ray, start)
         hit = self.visible(mi.Ray3f(ray)).hit if self.features else None
-        return self.shaded(ray, ray_weight, depth, surface, medium, hit)
+        return self.shaded(ray, ray_weight, depth, surface, medium, hit, start)
 
     def sampled(self, position: mi.Point2f) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """The ray through ``position`` and its weight; the sampler gives time and wavelengths."""
@@ -177,28 +180,35 @@ class PrimaryRays:
         surface: mi.UInt32,
         medium: mi.Medium | None,
         hit: mi.SurfaceInteraction3f | None,
+        start: mi.Float | float = 0.0,
     ) -> Traced:
-        """Radiance along ``ray``, with ``depth`` and ``surface`` of what it shows.
+        """Radiance and AOVs along ``ray``, with ``depth`` and ``surface`` of what it shows.
 
         The ray begins in a ``medium``, or in none. ``hit`` is what it shows, of which features are
-        kept; ``None`` where they need not be.
+        kept; ``None`` where they need not be. ``start`` is how much of the ray is left out.
         """
-        radiance, valid, _ = mi.SamplingIntegrator.sample(
-            self.integrator,
-            self.scene,
-            self.passes.sampler,
-            ray,
-            medium,
-            mi.Bool(True),
-        )
+        radiance, valid, aovs = self._sample(ray, medium)
         features = Features.of(hit)._asdict() if self.features and hit is not None else {}
         return Traced(
             rgb=_to_rgb(radiance * ray_weight, ray.wavelengths),
             alpha=dr.select(valid, mi.Float(1), mi.Float(0)),
             z=depth,
             surface=surface,
+            aovs=self.aovs.of_ray(aovs, start),
             **features,
         )
+
+    def aovs_along(self, ray: mi.RayDifferential3f) -> mi.ArrayXf | None:
+        """The AOVs of a whole ``ray`` alone."""
+        return self.aovs.of_ray(self._sample(ray, self.sensor.get_medium())[2], 0.0)
+
+    def _sample(
+        self, ray: mi.RayDifferential3f, medium: mi.Medium | None
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """What the integrator has of a ``ray`` that begins in a ``medium``."""
+        sampler, every = self.passes.sampler, mi.Bool(True)
+        sample = mi.SamplingIntegrator.sample
+        return sample(self.integrator, self.scene, sampler, ray, medium, every)
 
     @functools.cached_property
     def parallel(self) -> bool:

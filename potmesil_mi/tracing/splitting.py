@@ -158,15 +158,16 @@ class Part:
             past = 1 / np.maximum(veil.before, 1 / MOST_BEHIND) - through[of]
             shares = [kept * through[of], kept * np.maximum(past, 0)]
             shares = [np.where(inside, _some_for_all(share, key), share) for share in shares]
-            parts.append(cls(of, _shown(own, veil.z, veil.surface), *shares))
+            parts.append(cls(of, _shown(own, veil.z, veil.surface, last, of), *shares))
             light[of] = after
             clear = mean >= LEAST_THROUGH
             tint[of] *= np.where(clear, colours.T / np.where(clear, mean, 1), 1).T
             through[of] *= passing[:, -1]
             ends[of] = np.isfinite(veil.start)
-        shown = _shown(light * tint, last.z, last.surface)
+        every = np.arange(count)
+        shown = _shown(light * tint, last.z, last.surface, last, every)
         shown = dataclasses.replace(shown, albedo=last.albedo, normal=last.normal)
-        parts.append(cls(np.arange(count), shown, through, (1 - through) * ends))
+        parts.append(cls(every, shown, through, (1 - through) * ends))
         return parts
 
 
@@ -215,6 +216,9 @@ def _some_for_all(shares: np.ndarray, key: np.ndarray) -> np.ndarray:
     return result
 
 
-def _shown(light: np.ndarray, z: np.ndarray, surface: np.ndarray) -> Shown:
-    """What is shown, of RGB and alpha, (N, 4)."""
-    return Shown(light[:, :3].astype(np.float32), light[:, 3].astype(np.float32), z, surface)
+def _shown(
+    light: np.ndarray, z: np.ndarray, surface: np.ndarray, rays: Shown, of: np.ndarray
+) -> Shown:
+    """What is shown, of RGB and alpha, (N, 4). AOVs are those of the rays that it is ``of``."""
+    rgb, alpha = light[:, :3].astype(np.float32), light[:, 3].astype(np.float32)
+    return Shown(rgb, alpha, z, surface, aovs=None if rays.aovs is None else rays.aovs[of])

@@ -75,7 +75,15 @@ def assert_equal(loaded, samples):
             assert here.shape == there.shape
             assert here.tobytes() == there.tobytes(), field.name
             assert here.flags.writeable == there.flags.writeable
-    for name in ("camera", "lens", "surfaces", "lattice", "window", "visibility_radius"):
+    for name in (
+        "camera",
+        "lens",
+        "surfaces",
+        "lattice",
+        "window",
+        "visibility_radius",
+        "aov_names",
+    ):
         assert getattr(loaded, name) == getattr(samples, name), name
 
 
@@ -94,6 +102,8 @@ def with_everything():
         through=rng.choice([0.0, 1.5], 1000),
         visibility=rng.integers(0, 2**64, 1000, np.uint64),
         visibility_radius=(0.1, 0.2),
+        aovs=rng.choice([0.0, np.nan, np.inf, 1e-40, -7.0], (1000, 63)),
+        aov_names=tuple(f"{i:b}.é" + "x" * 190 for i in range(63)),
         surfaces={2**32 - 1: "Fläche", 7: "", 8: '"{\n'},
         lattice=4,
     )
@@ -277,6 +287,17 @@ def test_samples_that_no_program_saves_are_damage(saved, field, value):
         ("samples", {"lattice": -1}, "lattice=-1"),
         ("samples", {"more": 1}, "samples.json: must be a JSON object with lattice, version"),
         ("samples", {"visibility_radius": [1, 1]}, "visibility_radius"),
+        ("samples", {"aov_names": ["a"]}, "aov_names: has 1 names, must have 0"),
+        ("samples", {"aov_names": 7}, "aov_names=7: must be a sequence of names"),
+        ("samples", {"aov_names": "a"}, "aov_names=a: must be a sequence of names"),
+        ("samples", {"aov_names": {"a": 1}}, "aov_names=.*: must be a sequence of names"),
+        ("samples", {"aov_names": [["a"]]}, "aov_names: .'a'.: must be text"),
+        ("samples", {"aov_names": ["a", "b", "a"]}, "aov_names: 'a' is there twice"),
+        ("samples", {"aov_names": [""]}, "aov_names: '': must be printable"),
+        ("samples", {"aov_names": ["a\0"]}, "aov_names: .*: must be printable"),
+        ("samples", {"aov_names": ["é" * 101]}, "must be printable, of 1 to 200 bytes"),
+        ("samples", {"aov_names": [*map(str, range(64))]}, "64 names, must have at most 63"),
+        ("columns", {"aovs": {"dtype": "<f4", "shape": [COUNT, 64]}}, "columns.json: aovs: is"),
         ("lens", {"f_number": 1e300}, "f_number=1e"),
         ("lens", {"aperture": "image:filename=/etc/passwd"}, "must not name another"),
         ("camera", {"x_fov": 0}, "x_fov=0"),

@@ -574,7 +574,7 @@ def test_a_part_of_very_many_channels_is_refused(saved):
             assert part.channels == exr_layout.MOST_CHANNELS
             fewer = dataclasses.replace(part, channels=exr_layout.USUAL_CHANNELS)
             assert part.memory > fewer.memory
-    refused(saved, "it has more than 32 channels in a part")
+    refused(saved, "it has more than 95 channels in a part")
 
 
 @pytest.mark.parametrize(

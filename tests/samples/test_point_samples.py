@@ -235,6 +235,8 @@ def test_columns_are_taken_as_they_are_and_joined_in_order():
         normal=rng.random((100, 3)) / 2,
         time=rng.random(100),
         motion=rng.random((100, 3)),
+        aovs=rng.random((100, 2)),
+        aov_names=("dd.T", "si.I"),
     )
     columns = {f.name: getattr(samples, f.name) for f in COLUMNS}
     whole = Columns(**columns)
