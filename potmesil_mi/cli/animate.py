@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .options import (
     SAMPLING_OPTIONS,
@@ -23,14 +21,11 @@ from .options import (
     given_method,
     set_variant,
 )
-from .taking import Opened, samples_of_file
+from .taking import Opened, samples_of_file, sampling_for
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation
     from ..animation.frames import FrameFiles
-    from ..optics.lens import ThinLens
-    from ..optics.telecentric import TelecentricLens
-    from ..tracing.sampling import Sampling
 
 ANIMATE_EXAMPLES = """
 examples:
@@ -165,7 +160,7 @@ def _of_scene(
     lens = opened.sensor.lens()
     if animation.shutter is not None:
         warnings.warn("shutter: has no effect, for neither camera nor shapes move", stacklevel=1)
-    sampling = _sampling_for(lens, animation.lenses(lens), opened.sampling)
+    sampling = sampling_for(lens, animation.lenses(lens), opened.sampling)
     session = FocusSession(opened.sampled(options, sampling), opened.method)
     filters = () if animation.filters else opened.filters
     pictures = animation.pictures(
@@ -192,8 +187,7 @@ def _of_moving_scene(
     options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
     """The frames of a scene that has samples of its own for each: their seeds differ, too."""
-    from .._progress import reported
-    from ..animation.animation import frame_progress
+    from .._progress import reported, step_progress
     from ..focusing.api import focus
     from ..samples.standard import attributes_of_formed
     from ..tracing.exposing import require_motions
@@ -211,8 +205,8 @@ def _of_moving_scene(
     require_motions(opened.scene, opened.sensor, motions)
     with reported() as report:
         for done, frame in enumerate(frames):
-            sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
-            with frame_progress(report, frame, done, len(frames), within=False):
+            sampling = sampling_for(lens, [lenses[done]], opened.sampling)
+            with step_progress(report, f"Frame {frame}", done, len(frames), within=False):
                 samples = opened.sampled(options, sampling, options.seed + frame, motions[done])
                 picture = focus(
                     samples,
@@ -254,29 +248,3 @@ def _of_file(
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
         lens_of_frame = animation.lens_at(lens, frame)
         files.write(frame, picture, attributes_of_formed(samples.camera, lens_of_frame))
-
-
-def _sampling_for(
-    lens: ThinLens | TelecentricLens,
-    lenses: Iterable[ThinLens | TelecentricLens],
-    sampling: Sampling,
-) -> Sampling:
-    """What to sample by a ``lens`` so that all ``lenses`` are served.
-
-    What ``sampling`` says of it stays.
-    """
-    from ..optics.lens import ThinLens
-
-    thin = [one for one in lenses if isinstance(one, ThinLens)]
-    if not thin or not isinstance(lens, ThinLens):
-        return sampling
-    changes: dict[str, Any] = {}
-    if sampling.min_f_number is None:
-        # The diameter is what counts, whatever focal length it is told by.
-        widest = max(float(one.lens_diameter) for one in thin)
-        if widest > float(lens.lens_diameter):
-            changes["min_f_number"] = float(lens.focal_length) / widest
-    if sampling.focus_range is None:
-        distances = [float(one.focus_distance) for one in thin]
-        changes["focus_range"] = (min(distances), max(distances))
-    return dataclasses.replace(sampling, **changes)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 from .options import (
     given_denoise,
@@ -20,12 +20,23 @@ from .options import (
 if TYPE_CHECKING:
     import mitsuba as mi
 
-    from ..animation.animation import Animation
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..motion.motion import Motion
+    from ..optics.lens import ThinLens
+    from ..optics.telecentric import TelecentricLens
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
+
+
+class Lenses(Protocol):
+    """Several lenses of the same samples, as an animation and a stack have them."""
+
+    def first_lens(self) -> dict[str, Any]:
+        """The parameters that the first of them has in place of those of the lens at hand."""
+
+    def lenses(self, lens: ThinLens | TelecentricLens) -> Sequence[ThinLens | TelecentricLens]:
+        """What becomes of the ``lens`` at hand."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,11 +123,11 @@ class Opened:
 
 
 def samples_of_file(
-    path: str, options: argparse.Namespace, animation: Animation | None = None
+    path: str, options: argparse.Namespace, several: Lenses | None = None
 ) -> PointSamples:
     """The samples in a file, or of a picture in it, with the lens of the options.
 
-    They serve all lenses of an ``animation``.
+    They serve all lenses of ``several``.
     """
     from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
@@ -127,13 +138,39 @@ def samples_of_file(
             raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
         samples = PointSamples.load(path)
         return samples.replace(lens=samples.lens.replace(**lens))
-    if animation is None:
+    if several is None:
         return PointSamples.from_image(path, lens=lens, **picture)
-    samples = PointSamples.from_image(path, lens={**animation.first_lens(), **lens}, **picture)
+    samples = PointSamples.from_image(path, lens={**several.first_lens(), **lens}, **picture)
     own: Any = samples.lens
-    lenses: list[Any] = animation.lenses(own)
+    lenses: Sequence[Any] = several.lenses(own)
     widest = max(lenses, key=lambda of: float(of.lens_diameter))
     if widest.lens_diameter > own.lens_diameter:
         picture["camera"] = samples.camera
         samples = PointSamples.from_image(path, lens=widest, **picture).replace(lens=own)
     return samples
+
+
+def sampling_for(
+    lens: ThinLens | TelecentricLens,
+    lenses: Iterable[ThinLens | TelecentricLens],
+    sampling: Sampling,
+) -> Sampling:
+    """What to sample by a ``lens`` so that all ``lenses`` are served.
+
+    What ``sampling`` says of it stays.
+    """
+    from ..optics.lens import ThinLens
+
+    thin = [one for one in lenses if isinstance(one, ThinLens)]
+    if not thin or not isinstance(lens, ThinLens):
+        return sampling
+    changes: dict[str, Any] = {}
+    if sampling.min_f_number is None:
+        # The diameter is what counts, whatever focal length it is told by.
+        widest = max(float(one.lens_diameter) for one in thin)
+        if widest > float(lens.lens_diameter):
+            changes["min_f_number"] = float(lens.focal_length) / widest
+    if sampling.focus_range is None:
+        distances = [float(one.focus_distance) for one in thin]
+        changes["focus_range"] = (min(distances), max(distances))
+    return dataclasses.replace(sampling, **changes)

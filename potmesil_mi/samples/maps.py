@@ -12,6 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..optics.blur import Blur
+from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
 from .point_samples import PointSamples
@@ -44,12 +45,29 @@ def circle_map(samples: PointSamples, lens: ThinLens | TelecentricLens | None = 
     It is positive of what is nearer than the focused plane, and negative of what is beyond.
     ``lens`` is by default the samples' own.
     """
-    lens = (lens or samples.lens).plain()
-    depth = depth_map(samples).astype(np.float64)
+    return circles_of(depth_map(samples), lens or samples.lens, samples.camera)
+
+
+def circles_of(depth: np.ndarray, lens: ThinLens | TelecentricLens, camera: Camera) -> np.ndarray:
+    """The diameters of the circles of confusion at depths, as :func:`circle_map` has them."""
+    depth, lens = depth.astype(np.float64), lens.plain()
     if isinstance(lens, TelecentricLens):
-        per_unit = float(lens.slope) * samples.camera.pixels_per_unit
+        per_unit = float(lens.slope) * camera.pixels_per_unit
         return (2 * per_unit * (lens.focus_distance - depth)).astype(np.float32)
-    return (2 * Blur.of(lens, samples.camera).radius(1 / depth)).astype(np.float32)
+    return (2 * Blur.of(lens, camera).radius(1 / depth)).astype(np.float32)
+
+
+def normal_map(samples: PointSamples) -> np.ndarray:
+    """The shading normal in the world of each pixel of the crop window, float32 (H, W, 3).
+
+    0 where nothing was hit or there is no sample. Raises ``ValueError`` for samples without
+    normals.
+    """
+    if samples.normal is None:
+        raise ValueError(
+            "normal: None, the samples have no normals, which Sampling(features=True) keeps"
+        )
+    return _of_middles(samples, samples.normal, 0)
 
 
 def maps_of(
@@ -85,6 +103,6 @@ def _of_middles(samples: PointSamples, column: np.ndarray, otherwise: float) -> 
     apart = np.hypot(x % 1 - 0.5, y % 1 - 0.5)
     # The last that is written stays: the nearest to the middle and, of several there, the largest.
     order = np.lexsort((samples.weight[inside], -apart))
-    found = np.full(crop.size, otherwise, column.dtype)
+    found = np.full((crop.size, *column.shape[1:]), otherwise, column.dtype)
     found[pixel[order]] = column[inside][order]
-    return found.reshape(crop.shape)
+    return found.reshape(*crop.shape, *column.shape[1:])
