@@ -51,11 +51,13 @@ def chosen_frames(every: range, frames: str | None = None, shard: str | None = N
 class FrameFiles:
     """Files of frames, by patterns such as ``frame_{:04d}.exr``, and a name for each of them.
 
-    Raises ``ValueError`` for a pattern without a place for the number, or with another one.
+    ``endings`` are those that names may have. Raises ``ValueError`` for a pattern without a place
+    for the number, or with another one.
     """
 
-    def __init__(self, patterns: Sequence[str]) -> None:
+    def __init__(self, patterns: Sequence[str], endings: Iterable[str] = PICTURES) -> None:
         self.patterns = patterns
+        self.endings = tuple(endings)
         for pattern in patterns:
             if len(PLACE.findall(pattern)) != 1 or BRACE.search(PLACE.sub("", pattern)):
                 raise ValueError(
@@ -76,9 +78,9 @@ class FrameFiles:
             if source is not None:
                 raise ValueError(f"{source}: a frame must not take its place")
         for path in folders.values():
-            require_writable(path, PICTURES)
+            require_writable(path, self.endings)
         for path in self.of(0):  # where there are no frames to write
-            require_suffix(path, PICTURES)
+            require_suffix(path, self.endings)
 
     def of(self, frame: int) -> list[Path]:
         """The files of a frame."""

@@ -1,0 +1,159 @@
+"""The doing of a plan: pictures are formed one after the other, and written meanwhile."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._files import write_json
+from .._image import write_maps
+from .._progress import reported, step_progress
+from .._threads import Behind
+from ..filters.base import FilterFunction
+from ..focusing.session import FocusSession
+from ..optics.lens import ThinLens
+from ..samples.maps import CHANNELS, circles_of, depth_map, normal_map
+from ..samples.point_samples import PointSamples
+from ..samples.standard import attributes_of_formed
+from .describing import DEPTH_KIND, camera_told, ends_of_depth, lens_told, samples_told, version
+from .foci import Lens
+from .layouts import write_depth, write_formed
+from .plan import StackItem, StackPlan
+
+if TYPE_CHECKING:
+    from ..focusing.film import ReconstructionFilter
+
+NORMALS = ("normal.X", "normal.Y", "normal.Z")
+"""Channels of the map of normals."""
+
+Failed = Callable[[str, Exception], None]
+"""Is told of what could not be made, and why."""
+
+
+class Forming:
+    """Forms and writes the pictures of plans of the same samples.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``session``                   the samples, and what is found out about them once
+    ``rfilter``, ``alpha``,       as in :meth:`potmesil_mi.FocusSession.focus`
+    ``filters``
+    ============================  ==========================================================
+    """
+
+    def __init__(
+        self,
+        session: FocusSession,
+        rfilter: ReconstructionFilter | None = None,
+        alpha: bool = False,
+        filters: tuple[FilterFunction, ...] = (),
+    ) -> None:
+        self.session = session
+        self._picture: dict[str, Any] = {"rfilter": rfilter, "alpha": alpha, "filters": filters}
+
+    @property
+    def samples(self) -> PointSamples:
+        """The samples of which pictures are formed."""
+        return self.session.samples
+
+    @functools.cached_property
+    def depth(self) -> np.ndarray:
+        """The map of their depths."""
+        return depth_map(self.samples)
+
+    @functools.cached_property
+    def ends(self) -> tuple[float, float]:
+        """The nearest and the farthest depth in the picture."""
+        return ends_of_depth(self.samples)
+
+    @functools.cached_property
+    def sharp(self) -> np.ndarray:
+        """The picture that the pinhole takes, all in focus, without special effects."""
+        return np.array(
+            self.session.focus(pinhole(self.samples.lens), rfilter=self._picture["rfilter"])
+        )
+
+    def do(self, plan: StackPlan, items: Iterable[StackItem]) -> None:
+        """Form and write ``items`` of a plan, and what there is of all of them."""
+        items = list(items)
+        with Behind() as behind, reported() as report:
+            behind.do(lambda: write_json(Path(plan.files.stack), self.told(plan)))
+            self._do_maps(plan, behind)
+            for done, item in enumerate(items):
+                with step_progress(report, f"Picture {item.index}", done, len(items)):
+                    picture = np.array(self.session.focus(item.lens, **self._picture))
+                behind.do(functools.partial(self.write, plan, item, picture))
+
+    def write(self, plan: StackPlan, item: StackItem, picture: np.ndarray) -> None:
+        """Write an item's picture, and what is told of it last: then it is done."""
+        said = attributes_of_formed(self.samples.camera, item.lens)
+        pictures, circles, described = plan.files_of(item)
+        for path in pictures:
+            write_formed(picture, path, said)
+        if circles is not None:
+            diameters = circles_of(self.depth, item.lens, self.samples.camera)
+            write_maps({CHANNELS["coc"]: diameters}, circles, said)
+        write_json(described, self.told_of(plan, item))
+
+    def told_of(self, plan: StackPlan, item: StackItem) -> dict[str, Any]:
+        """What is told of a picture."""
+        pictures, circles, described = plan.files_of(item)
+        told = {
+            **lens_told(self._in_units(item.lens), self.samples.camera, self.ends),
+            **plan.told_of(item),
+            "pictures": [plan.files.told(path) for path in pictures],
+            "described": plan.files.told(described),
+        }
+        return told if circles is None else {**told, "circles": plan.files.told(circles)}
+
+    def told(self, plan: StackPlan) -> dict[str, Any]:
+        """What is told of the stack."""
+        return {
+            "format": "potmesil stack",
+            "format_version": 1,
+            "potmesil_mi": version(),
+            "samples": samples_told(self.samples, plan.source),
+            "camera": camera_told(self.samples),
+            "depth": {
+                "kind": "z along the axis, m" if plan.files.metres else DEPTH_KIND,
+                "nearest": self.ends[0],
+                "farthest": self.ends[1],
+            },
+            "maps": {name: plan.files.told(path) for name, path in plan.map_paths().items()},
+            **plan.extra,
+            "pictures": [self.told_of(plan, item) for item in plan.items],
+        }
+
+    def _do_maps(self, plan: StackPlan, behind: Behind) -> None:
+        """Write what there is once for all pictures; each run writes the same."""
+        lens = pinhole(self.samples.lens)
+        said = attributes_of_formed(self.samples.camera, lens)
+        if "depth" in plan.maps:
+            unit = lens.millimeters_per_unit if isinstance(lens, ThinLens) else 1000.0
+            behind.do(lambda: write_depth(self.depth, plan.files, said, unit))
+        if "normals" in plan.maps:
+            planes = np.moveaxis(normal_map(self.samples), 2, 0)
+            normals = dict(zip(NORMALS, planes, strict=True))
+            behind.do(lambda: write_maps(normals, plan.files.normals, said))
+        if "sharp" in plan.maps:
+            sharp = self.sharp
+            behind.do(lambda: write_formed(sharp, Path(plan.files.sharp), said))
+
+    def _in_units(self, lens: Lens) -> Lens:
+        """The lens in the samples' units, in which it is used."""
+        own = self.samples.lens
+        if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
+            return lens.in_units(own.millimeters_per_unit)
+        return lens
+
+
+def pinhole(lens: Lens) -> Lens:
+    """A lens of the same kind that has all in focus."""
+    if isinstance(lens, ThinLens):
+        return lens.replace(aperture_radius=0.0, aperture="disc", squeeze=1.0, vignetting=0.0)
+    return lens.replace(half_angle=0.0)

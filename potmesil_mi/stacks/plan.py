@@ -1,0 +1,164 @@
+"""The plan of a stack: which pictures there are to be, through what lens and in which files.
+
+A plan is data, and :func:`do_item` in :mod:`.forming` does one item of it with a session: an item
+may as well be done in another process, or on another machine, that has the samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .._files import in_json, require_writable
+from ..optics.lens import ThinLens
+from ..optics.telecentric import TYPE, TelecentricLens
+from .foci import Lens
+from .layouts import StackFiles
+
+
+@dataclasses.dataclass(frozen=True)
+class StackItem:
+    """A picture that is to be: its number in the stack, and its lens."""
+
+    index: int
+    lens: Lens
+
+    def to_dict(self) -> dict[str, Any]:
+        """The item as JSON has it."""
+        values: dict[str, Any] = in_json({"index": self.index, "lens": self.lens.to_dict()})
+        return values
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> StackItem:
+        """The inverse of :meth:`to_dict`."""
+        told = {
+            name: float(one) if one in ("inf", "-inf") else one
+            for name, one in values["lens"].items()
+        }
+        kind = TelecentricLens if told.get("type") == TYPE else ThinLens
+        return cls(values["index"], kind.from_dict(told))
+
+
+@dataclasses.dataclass(frozen=True)
+class StackPlan:
+    """All pictures of a stack, and how they are formed.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``items``                     a :class:`StackItem` for each picture
+    ``files``                     where they are written
+    ``source``                    what the samples are of, as it is told
+    ``method``                    by which they are formed, as a text
+    ``maps``                      which maps there are: ``depth``, ``circles``, ``normals``; and
+                                  ``sharp``, the picture of the pinhole
+    ``filters``                   special effects, as texts
+    ``extra``                     what else is told of the stack
+    ============================  ==========================================================
+    """
+
+    items: Sequence[StackItem]
+    files: StackFiles
+    source: str
+    method: str
+    maps: frozenset[str] = frozenset()
+    filters: Sequence[str] = ()
+    extra: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of(cls, lenses: Iterable[Lens], files: StackFiles, **fields: Any) -> StackPlan:
+        """The plan of pictures through ``lenses``, in order."""
+        items = [StackItem(index, lens) for index, lens in enumerate(lenses)]
+        return cls(items, files, **fields)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as JSON has it."""
+        values: dict[str, Any] = in_json(
+            {
+                **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)},
+                "items": [item.to_dict() for item in self.items],
+                "files": dataclasses.asdict(self.files),
+                "maps": sorted(self.maps),
+            }
+        )
+        return values
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> StackPlan:
+        """The inverse of :meth:`to_dict`."""
+        files = {**values["files"], "pictures": tuple(values["files"]["pictures"])}
+        return cls(
+            **{
+                **values,
+                "items": [StackItem.from_dict(one) for one in values["items"]],
+                "files": StackFiles(**files),
+                "maps": frozenset(values["maps"]),
+            }
+        )
+
+    def paths(self, item: StackItem) -> list[Path]:
+        """The files of an item, the one that tells of it last."""
+        pictures, circles, described = self.files_of(item)
+        return [*pictures, *([circles] if circles else []), described]
+
+    def files_of(self, item: StackItem) -> tuple[list[Path], Path | None, Path]:
+        """The pictures of an item, its map of circles if there is to be one, and what is told."""
+        circles, described = (
+            Path(pattern.format(item.index))
+            for pattern in (self.files.circles, self.files.described)
+        )
+        pictures = self.files.frames().of(item.index)
+        return pictures, circles if "circles" in self.maps else None, described
+
+    def map_paths(self) -> dict[str, Path]:
+        """The files of what there is once for all pictures, by the names of ``maps``."""
+        names = ("depth", "normals", "sharp")
+        return {name: Path(getattr(self.files, name)) for name in names if name in self.maps}
+
+    def told_of(self, item: StackItem) -> dict[str, Any]:
+        """What says by which lens and how a picture is formed: if it changes, another is made."""
+        how = {"source": self.source, "method": self.method, "filters": list(self.filters)}
+        return {**item.to_dict(), **how}
+
+    def is_done(self, item: StackItem) -> bool:
+        """Whether an item is finished: all its files are there, and tell of this very picture."""
+        paths = self.paths(item)
+        if not all(path.is_file() for path in paths):
+            return False
+        try:
+            there = json.loads(paths[-1].read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        asked = self.told_of(item)
+        return isinstance(there, dict) and {name: there.get(name) for name in asked} == asked
+
+    def to_do(self, chosen: Iterable[int], overwrite: bool = False) -> list[StackItem]:
+        """Those of the ``chosen`` items, by their numbers, that are not done."""
+        items = [self.items[index] for index in chosen]
+        return items if overwrite else [item for item in items if not self.is_done(item)]
+
+    @property
+    def lacks_maps(self) -> bool:
+        """Whether something of what there is once for all pictures is not there."""
+        return not all(
+            path.is_file() for path in (*self.map_paths().values(), Path(self.files.stack))
+        )
+
+    def check(self, sources: Iterable[str]) -> None:
+        """Find out before the first picture that one cannot be written, or would replace a source.
+
+        Raises what :func:`potmesil_mi._files.require_writable` does, and ``ValueError``.
+        """
+        self.files.frames().check((item.index for item in self.items), sources)
+        kept = {Path(source).resolve(): source for source in sources}
+        own = [path for item in self.items for path in self.paths(item)[1:]]
+        for path in [*own, *self.map_paths().values(), Path(self.files.stack)]:
+            if path.resolve() in kept:
+                raise ValueError(
+                    f"{kept[path.resolve()]}: a file of the stack must not take its place"
+                )
+        for path in (*self.map_paths().values(), Path(self.files.stack)):
+            require_writable(path, (path.suffix,))
