@@ -17,6 +17,12 @@ PICTURES = (".exr", ".png", ".jpg", ".jpeg")
 OIIO_NAMES = {"aperture": "FNumber"}
 """Attributes of OpenEXR that OpenImageIO calls otherwise."""
 
+EXIF_TEXTS = ("Software", "ImageDescription")
+"""What may be said of a picture that files without room for more have a place for."""
+
+LARGEST_WHOLE = (1 << 31) - 1
+"""The largest whole number that an attribute of OpenEXR may be."""
+
 WINDOWS = {"dataWindow", "displayWindow"}
 """What may be said of where a picture is in the whole: left, top, width, height."""
 
@@ -62,9 +68,9 @@ def write_picture(
     """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB.
 
     What is ``said`` of it, numbers, pairs of them, matrices (4, 4) and text, becomes attributes of
-    an EXR, and text in a PNG. ``maps``, (H, W), become further channels of an EXR. Raises
-    ``ValueError`` for another suffix and ``OSError`` where it cannot be written; then nothing is
-    left behind.
+    an EXR, and text in a PNG; a JPEG has ``EXIF_TEXTS`` of it. ``maps``,
+    (H, W), become further channels of an EXR. Raises ``ValueError`` for another suffix and
+    ``OSError`` where it cannot be written; then nothing is left behind.
     """
     path = require_writable(path, PICTURES)
     values = np.ascontiguousarray(image, dtype=np.float32)
@@ -152,12 +158,16 @@ def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
                 spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
             elif isinstance(value, tuple):
                 spec.attribute(name, oiio.TypeDesc("float[2]"), value)
+            elif isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+                spec.attribute(name, str(value))
             else:
                 spec.attribute(name, value)
         return spec
     spec.attribute("oiio:ColorSpace", "sRGB")
     spec.attribute("CompressionQuality", JPEG_QUALITY)
-    for name, value in texts.items() if ending == ".png" else ():
+    for name, value in texts.items():
+        if ending != ".png" and name not in EXIF_TEXTS:
+            continue
         if isinstance(value, np.ndarray):
             value = " ".join(f"{number:.9g}" for number in value.ravel())
         spec.attribute(name, str(value))

@@ -151,7 +151,7 @@ def _of_scene(
 ) -> None:
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
-    from ..samples.standard import attributes_of_formed
+    from ..samples.formed import attributes_of_formed
 
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
@@ -166,9 +166,9 @@ def _of_scene(
     pictures = animation.pictures(
         session, frames, filters=filters, rfilter=opened.film.rfilter(), alpha=opened.has_alpha
     )
-    camera = session.samples.camera
     for frame, picture in pictures:
-        files.write(frame, picture, attributes_of_formed(camera, animation.lens_at(lens, frame)))
+        said = attributes_of_formed(session.samples, opened.method, animation.lens_at(lens, frame))
+        files.write(frame, picture, said)
     opened.require_kept()
 
 
@@ -189,7 +189,7 @@ def _of_moving_scene(
     """The frames of a scene that has samples of its own for each: their seeds differ, too."""
     from .._progress import reported, step_progress
     from ..focusing.api import focus
-    from ..samples.standard import attributes_of_formed
+    from ..samples.formed import attributes_of_formed
     from ..tracing.exposing import require_motions
 
     if options.samples:
@@ -216,7 +216,8 @@ def _of_moving_scene(
                     rfilter=opened.film.rfilter(),
                     alpha=opened.has_alpha,
                 )
-            files.write(frame, picture, attributes_of_formed(samples.camera, lenses[done]))
+            said = attributes_of_formed(samples, opened.method, lenses[done])
+            files.write(frame, picture, said)
 
 
 def _of_file(
@@ -224,7 +225,7 @@ def _of_file(
 ) -> None:
     """The frames of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
-    from ..samples.standard import attributes_of_formed
+    from ..samples.formed import attributes_of_formed
 
     of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
     of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
@@ -246,5 +247,5 @@ def _of_file(
         samples = samples.denoised()
     lens = samples.lens
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
-        lens_of_frame = animation.lens_at(lens, frame)
-        files.write(frame, picture, attributes_of_formed(samples.camera, lens_of_frame))
+        said = attributes_of_formed(samples, method, animation.lens_at(lens, frame))
+        files.write(frame, picture, said)

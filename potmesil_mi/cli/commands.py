@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .options import (
     add_denoise,
@@ -73,6 +73,7 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
     from ..focusing.api import focus
+    from ..samples.formed import attributes_of_formed
     from ..samples.maps import maps_of
 
     _check_outputs(options.output, options.samples, options.maps)
@@ -87,7 +88,7 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
-    _write(picture, samples, options.output, maps)
+    _write(picture, attributes_of_formed(samples, opened.method), options.output, maps)
     opened.require_kept()
 
 
@@ -145,6 +146,7 @@ def refocus(options: argparse.Namespace) -> None:
         from ..focusing import layered  # noqa: F401
         from ..focusing.api import focus
         from ..samples.files import holds_samples
+        from ..samples.formed import attributes_of_formed
         from ..samples.maps import maps_of
 
         samples = loading.result()
@@ -154,7 +156,7 @@ def refocus(options: argparse.Namespace) -> None:
     # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
     alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
     picture = focus(samples, method=method, filters=filters, alpha=alpha)
-    _write(picture, samples, options.output, maps)
+    _write(picture, attributes_of_formed(samples, method), options.output, maps)
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
@@ -336,15 +338,13 @@ def _require_apart(source: str, pictures: Sequence[str]) -> None:
 
 def _write(
     picture: mi.TensorXf,
-    samples: PointSamples,
+    said: Mapping[str, Any],
     paths: Sequence[str],
     maps: Mapping[str, np.ndarray],
 ) -> None:
-    """Write a picture with what is known of its camera and lens, and with maps beside it."""
+    """Write a picture with what is ``said`` of it, and with maps beside it."""
     from .._image import write_picture
-    from ..samples.standard import attributes_of_formed
 
-    said = attributes_of_formed(samples.camera, samples.lens)
     for path in paths:
         write_picture(picture, path, said, maps)
 

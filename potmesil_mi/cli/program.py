@@ -84,12 +84,12 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 
 class _Version(argparse.Action):
-    """Prints the version, which takes a while to look up, and ends the program."""
+    """Prints the version and ends the program."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        from importlib.metadata import version
+        from .._version import package_version
 
-        print(version("potmesil_mi"))
+        print(package_version())
         parser.exit()
 
 

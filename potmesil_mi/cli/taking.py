@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .options import (
@@ -109,6 +111,7 @@ class Opened:
             sampling=sampling,
             motion=motion or self.motion,
         )
+        samples = samples.replace(provenance={**samples.provenance, **_source(options)})
         if options.samples:
             try:
                 samples.save(options.samples)
@@ -120,6 +123,21 @@ class Opened:
         """Raise ``OSError`` if samples could not be kept."""
         for error in self.not_kept:
             raise error
+
+
+def _source(options: argparse.Namespace) -> dict[str, str]:
+    """What the options say of the scene that is sampled, for its provenance."""
+    from ..samples.provenance import file_name, shown
+
+    source = {"scene": file_name(options.scene)}
+    if options.define:
+        # Of files there are the names alone, as of the scene.
+        values = {key: file_name(value) if Path(value).is_absolute() else value
+                  for key, value in options.define}  # fmt: skip
+        source["define"] = shown(shlex.join(f"{key}={value}" for key, value in values.items()))
+    if getattr(options, "motion", None):
+        source["motion"] = file_name(options.motion)
+    return source
 
 
 def samples_of_file(

@@ -92,6 +92,11 @@ def require_extra() -> ModuleType:
     return module
 
 
+def denoiser_name() -> str:
+    """The name of the denoiser, with its version."""
+    return f"oidn {require_extra().oidn_version()}"
+
+
 def denoised_radiance(samples: Columns, window: Window) -> np.ndarray:
     """The radiance of ``samples`` of a window without most of its noise, float32 (N, 3).
 

@@ -18,6 +18,7 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TYPE, TelecentricLens
 from ..optics.usable import require_magnitude, require_usable_together
 from .columns import require_visibility_radius
+from .provenance import Provenance, checked_provenance
 from .raster import Window
 
 LONGEST_JSON = 1 << 26
@@ -40,6 +41,7 @@ class Header:
     ``lattice``                   positions are multiples of 1/lattice pixels; 0 for any
     ``visibility_radius``         half-widths of the lens of which samples have visibility, or
                                   ``None``
+    ``provenance``                how the samples were made
     ============================  ==========================================================
 
     Raises ``ValueError`` or ``TypeError`` that names the field for a crop window that goes beyond
@@ -52,6 +54,7 @@ class Header:
     surfaces: Mapping[int, str]
     lattice: int
     visibility_radius: Sequence[float] | None = None
+    provenance: Provenance = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
@@ -70,6 +73,8 @@ class Header:
         about: dict[str, Any] = {"version": version, "lattice": self.lattice}
         if self.visibility_radius is not None:
             about["visibility_radius"] = list(self.visibility_radius)
+        if self.provenance:
+            about["provenance"] = dict(self.provenance)
         values = {"camera": self.camera.to_dict(), "lens": self.lens.to_dict(), "samples": about}
         return {name: json.dumps(value) for name, value in values.items()}
 
@@ -90,6 +95,7 @@ class Header:
         values = {name: json_object(texts[name], names.format(name)) for name in TEXTS}
         about = values["samples"]
         radius = about.pop("visibility_radius", None)
+        provenance = checked_provenance(about.pop("provenance", {}))
         if about.keys() != {"version", "lattice"}:
             name = names.format("samples")
             raise ValueError(f"{name}: must be a JSON object with lattice, version")
@@ -108,6 +114,7 @@ class Header:
             surfaces,
             about["lattice"],
             None if radius is None else (float(radius[0]), float(radius[1])),
+            provenance,
         )
         return header, version
 

@@ -12,12 +12,8 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from .._validation import (
-    require_choice,
-    require_flag,
-    require_kind,
-    require_number,
-)
+from .._validation import require_choice, require_flag, require_kind, require_number
+from .._version import package_version
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.depth import (
@@ -42,6 +38,7 @@ from .columns import MOST_IDS
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
 from .image_layers import HIDDEN, Hidden, with_layers
 from .picture_optics import camera_and_lens, given_fov, require_fitting
+from .provenance import file_name
 
 FARTHEST = 1e30
 """Depth in scene units of what is taken to be nearest where nothing is near."""
@@ -100,12 +97,34 @@ class Described:
 
 
 class SampledImage(NamedTuple):
-    """A picture as samples: its camera, its lens, the names of its surfaces, and its columns."""
+    """A picture as samples: its camera, its lens, the names of its surfaces, and its columns.
+
+    ``program`` is what wrote its depth, if that is known.
+    """
 
     camera: Camera
     lens: ThinLens
     surfaces: Mapping[int, str]
     columns: dict[str, Any]
+    program: str | None = None
+
+
+def fields_of(rgb: Any, depth: Any, described: Described) -> dict[str, Any]:
+    """A picture in a file, or in arrays, as the fields of samples; ``described`` says the rest."""
+    image = image_of(rgb, depth, described)
+    provenance = {"version": package_version()}
+    for name, given in (("picture", rgb), ("depth", depth)):
+        if isinstance(given, (str, os.PathLike)):
+            provenance[name] = file_name(given)
+    if image.program is not None:
+        provenance["program"] = image.program
+    return {
+        **image.columns,
+        "camera": image.camera,
+        "lens": image.lens,
+        "surfaces": image.surfaces,
+        "provenance": provenance,
+    }
 
 
 def image_of(rgb: Any, depth: Any, described: Described) -> SampledImage:
@@ -156,7 +175,8 @@ def image_of_file(path: str | os.PathLike[str], depth: Any, described: Described
         names_of = described.surfaces or picture.surfaces
         described = dataclasses.replace(described, surface=picture.surface, surfaces=names_of)
     try:
-        return image_of_arrays(picture.rgb, values, described)
+        image = image_of_arrays(picture.rgb, values, described)
+        return image if known is None else image._replace(program=known.program)
     except ValueError as error:
         name = of_depth if str(error).startswith("depth") else path
         raise ValueError(f"{name}: {error}") from error
@@ -205,7 +225,8 @@ def _image_of_deep(image: DeepImage, name: str, described: Described) -> Sampled
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     radius = widest_radius_per_vergence(lens, camera, min(float(z.min()), FARTHEST))
-    return SampledImage(camera, lens, {1: "surface"}, columns_of_deep(image, z, radius))
+    program = None if known is None else known.program
+    return SampledImage(camera, lens, {1: "surface"}, columns_of_deep(image, z, radius), program)
 
 
 def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:

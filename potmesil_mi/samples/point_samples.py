@@ -24,20 +24,16 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .columns import OF_DEFAULT, TWINS, Columns, require_beside_columns, visibility_points
+from .counting import primary_rays
 from .header import Header
 from .image_layers import Hidden
 from .merging import merged, require_mergeable
+from .provenance import Provenance, checked_provenance
 from .raster import FARTHEST, Window
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-
-ENOUGH_TO_COUNT = 1 << 18
-"""So many samples tell how many there are in a pixel."""
-
-ROUNDED_PLACES = 0.01
-"""Samples of a pixel that rounding may have moved to the next row."""
 
 CROWDED = 0.25
 """Hidden samples for each visible one from which on a scene is crowded with things that the lens
@@ -67,6 +63,7 @@ class Changes(TypedDict, total=False):
     surfaces: Mapping[int, str]
     lattice: int
     window: Window | None
+    provenance: Provenance
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -120,6 +117,9 @@ class PointSamples(Columns):
                                   number; 0 where they may be anywhere
     ``window``                    :class:`potmesil_mi.Window` of what was sampled: the
                                   crop window (default), or more with overscan
+    ``provenance``                how they were made: at most 64 names to texts and numbers, such
+                                  as ``seed``, ``spp``, ``integrator``, ``version``; files and
+                                  pictures keep it (default: none)
     ============================  ==========================================================
 
     Samples with radiance, alpha or position that is not finite, with depth or weight that is NaN or
@@ -137,12 +137,14 @@ class PointSamples(Columns):
     lattice: int = 0
     window: Window = OF_DEFAULT
     visibility_radius: Sequence[float] | None = None
+    provenance: Provenance = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_whole("lattice", self.lattice, 0, 1 << 16)
         known = self.visibility is not None
         require_beside_columns(self.surfaces, self.visibility_radius, known)
         require_fitting(self.camera, self.lens)
+        object.__setattr__(self, "provenance", checked_provenance(self.provenance))
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
@@ -215,12 +217,11 @@ class PointSamples(Columns):
         numbers, ``OSError`` where there is no file.
         """
         # What reads pictures takes a while to import, and few samples are of pictures.
-        from .images import Described, image_of
+        from .images import Described, fields_of
 
         said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
         described = Described(camera, lens, surface, surfaces, layer, depth_channel, *said)
-        image = image_of(rgb, depth, described)
-        return cls(**image.columns, camera=image.camera, lens=image.lens, surfaces=image.surfaces)
+        return cls(**fields_of(rgb, depth, described))
 
     @property
     def crop_window(self) -> Window:
@@ -231,27 +232,9 @@ class PointSamples(Columns):
     def spp(self) -> int:
         """Primary rays in a pixel of the crop window: mean, rounded down.
 
-        What a ray sees behind half-transparent things are several samples, of one position. Of many
-        samples those of some rows of pixels are counted.
+        What a ray sees behind half-transparent things are several samples, of one position.
         """
-        crop = self.crop_window
-        some: slice | np.ndarray = slice(None)
-        every = min(-(-len(self) // ENOUGH_TO_COUNT), crop.height) if self.lattice == 0 else 1
-        pixels = len(range(every // 2, crop.height, every)) * crop.width
-        if every > 1:
-            rows = self.y.astype(np.int32)
-            rows -= crop.top + every // 2
-            some = np.flatnonzero(rows // every * every == rows)  # Faster than remainders.
-        x, y = self.x[some], self.y[some]
-        own = crop.shows(x, y, self.window) & (self.layer[some] == 0)
-        weight = self.weight[some][own]
-        count = len(weight)
-        if count > 0 and weight.min() < weight.max():
-            x, y = (of[own].view(np.uint32) for of in (x, y))
-            # NumPy's own unique hashes them, which takes seconds for these.
-            places = np.sort(x.astype(np.uint64) << np.uint64(32) | y)
-            count = 1 + np.count_nonzero(np.diff(places))
-        return math.floor(count / pixels + ROUNDED_PLACES)
+        return primary_rays(self, self.crop_window, self.window, self.lattice > 0)
 
     @functools.cached_property
     def instants(self) -> int:
@@ -401,9 +384,10 @@ class PointSamples(Columns):
         Raises ``ValueError`` for samples without ``albedo`` or ``normal``, ``ImportError`` without
         the extra.
         """
-        from .denoising import denoised_radiance
+        from .denoising import denoised_radiance, denoiser_name
 
-        return self.replace(rgb=denoised_radiance(self, self.window))
+        rgb = denoised_radiance(self, self.window)
+        return self.replace(rgb=rgb, provenance={**self.provenance, "denoised": denoiser_name()})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file, in the format that the ending of its name stands for.
@@ -422,6 +406,7 @@ class PointSamples(Columns):
             dict(self.surfaces),
             self.lattice,
             self.visibility_radius,
+            self.provenance,
         )
         files.write(path, header, self)
 
@@ -444,4 +429,5 @@ class PointSamples(Columns):
             lattice=header.lattice,
             window=header.window,
             visibility_radius=header.visibility_radius,
+            provenance=header.provenance,
         )

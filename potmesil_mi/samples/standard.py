@@ -14,7 +14,6 @@ import numpy as np
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
-from ..pictures.programs import FORMED
 
 RIGHT_UP_FORWARD = np.diag([-1.0, 1.0, 1.0, 1.0])
 """The standard's axes of a camera, from those of Mitsuba's, whose x goes to the left."""
@@ -54,10 +53,3 @@ def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dic
     if math.isfinite(plain.f_number):
         found["aperture"] = plain.f_number
     return found
-
-
-def attributes_of_formed(camera: Camera, lens: ThinLens | TelecentricLens) -> dict[str, Any]:
-    """Those of a picture that was formed through its lens, which is told from a sharp one."""
-    plain = lens.plain()
-    opening = plain.aperture_radius if isinstance(plain, ThinLens) else plain.slope
-    return {**standard_attributes(camera, lens), FORMED: int(opening > 0)}

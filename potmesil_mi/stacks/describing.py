@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -26,12 +24,6 @@ CIRCLES = {
     "focus",
 }
 """How circles of confusion follow from depth, by the kind of the lens."""
-
-
-@functools.cache
-def version() -> str:
-    """That of the package that formed the pictures."""
-    return metadata.version("potmesil_mi")
 
 
 def camera_told(samples: PointSamples) -> dict[str, Any]:
@@ -100,7 +92,7 @@ def samples_told(samples: PointSamples, source: str) -> dict[str, Any]:
         "source": source,
         "samples": len(samples),
         "samples_per_pixel": samples.spp,
-        **dict(getattr(samples, "provenance", {})),
+        "provenance": dict(samples.provenance),
     }
 
 

@@ -13,13 +13,14 @@ from .._files import write_json
 from .._image import write_maps
 from .._progress import reported, step_progress
 from .._threads import Behind
+from .._version import package_version
 from ..filters.base import FilterFunction
 from ..focusing.session import FocusSession
 from ..optics.lens import ThinLens
+from ..samples.formed import attributes_of_formed
 from ..samples.maps import CHANNELS, circles_of, depth_map, normal_map
 from ..samples.point_samples import PointSamples
-from ..samples.standard import attributes_of_formed
-from .describing import DEPTH_KIND, camera_told, ends_of_depth, lens_told, samples_told, version
+from .describing import DEPTH_KIND, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
 from .layouts import write_depth, write_formed
 from .plan import StackItem, StackPlan
@@ -91,7 +92,7 @@ class Forming:
 
     def write(self, plan: StackPlan, item: StackItem, picture: np.ndarray) -> None:
         """Write an item's picture, and what is told of it last: then it is done."""
-        said = attributes_of_formed(self.samples.camera, item.lens)
+        said = attributes_of_formed(self.samples, plan.method, item.lens)
         pictures, circles, described = plan.files_of(item)
         for path in pictures:
             write_formed(picture, path, said)
@@ -116,7 +117,7 @@ class Forming:
         return {
             "format": "potmesil stack",
             "format_version": 1,
-            "potmesil_mi": version(),
+            "potmesil_mi": package_version(),
             "samples": samples_told(self.samples, plan.source),
             "camera": camera_told(self.samples),
             "depth": {
@@ -132,7 +133,7 @@ class Forming:
     def _do_maps(self, plan: StackPlan, behind: Behind) -> None:
         """Write what there is once for all pictures; each run writes the same."""
         lens = pinhole(self.samples.lens)
-        said = attributes_of_formed(self.samples.camera, lens)
+        said = attributes_of_formed(self.samples, plan.method, lens)
         if "depth" in plan.maps:
             unit = lens.millimeters_per_unit if isinstance(lens, ThinLens) else 1000.0
             behind.do(lambda: write_depth(self.depth, plan.files, said, unit))

@@ -351,6 +351,8 @@ def _joined(
     weight = columns.weight / np.float32(len(found))
     names: Mapping[int, str] = found[0].surfaces
     known = next((of.visibility_radius for of in found if of.visibility is not None), None)
+    provenance = dict(found[0].provenance)
+    provenance |= {"instants": len(found), "spp": sum(int(of.provenance["spp"]) for of in found)}
     return PointSamples(
         **vars(dataclasses.replace(columns, weight=weight)),
         camera=camera,
@@ -359,6 +361,7 @@ def _joined(
         lattice=found[0].lattice,
         window=_around([of.window for of in found]),
         visibility_radius=known if columns.visibility is not None else None,
+        provenance=provenance,
     )
 
 

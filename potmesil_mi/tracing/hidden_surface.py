@@ -34,6 +34,7 @@ from .overscan import MOST_OVERSCAN, MOST_OVERSCAN_OF_GRIDS, overscan
 from .passes import Passes
 from .patterns import VisibleSamples, sample_visible
 from .peeling import add_hidden, may_hide
+from .provenance import provenance_of
 from .rays import PrimaryRays
 from .sampling import Sampling
 from .seen_through import SeenThrough, seen_through
@@ -196,6 +197,7 @@ def _sampled(
         lattice=visible.lattice,
         window=window,
         visibility_radius=radius if columns.visibility is not None else None,
+        provenance=provenance_of(integrator, passes, sampling),
     )
 
 

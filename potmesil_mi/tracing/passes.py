@@ -21,7 +21,8 @@ class Passes:
     """The sampler of a run over a scene, seeded anew for each pass.
 
     ``sampler`` is the sensor's, of which a copy is used; ``spp`` samples a pixel, or as many as
-    it says for 0. The sampler may round that up: what it takes is in the attribute ``spp``.
+    it says for 0. The sampler may round that up: what it takes is in the attribute ``spp``, and the
+    ``seed`` of the run beside it.
     """
 
     def __init__(self, sampler: mi.Sampler, spp: int, seed: int) -> None:
@@ -30,14 +31,14 @@ class Passes:
             self.sampler.set_sample_count(spp)
         self.spp = int(self.sampler.sample_count())
         self.sampler.set_samples_per_wavefront(self.spp)
-        self._seed = seed
+        self.seed = seed
         self._begun = 0
 
     def begin(self, rays: int) -> None:
         """Seed the sampler for a pass of ``rays`` rays; the first gets the seed of the run."""
-        seed = self._seed
+        seed = self.seed
         if self._begun > 0:
-            seed = int(mi.sample_tea_32(mi.UInt32(self._seed), mi.UInt32(self._begun))[0][0])
+            seed = int(mi.sample_tea_32(mi.UInt32(self.seed), mi.UInt32(self._begun))[0][0])
         self.sampler.seed(seed, rays)
         self._begun += 1
 

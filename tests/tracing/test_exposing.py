@@ -51,6 +51,8 @@ def test_a_shape_moves_its_samples_by_what_it_moves_in_the_picture():
     ball, wall = surfaces(samples, "ball"), surfaces(samples, "wall")
     assert ball.any()
     assert samples.instants == 4
+    assert samples.provenance["instants"] == 4
+    assert (samples.provenance["spp"], samples.provenance["seed"]) == (16, 0)
     np.testing.assert_allclose(np.unique(samples.time), [0.125, 0.375, 0.625, 0.875])
     # A quarter of 0.8 m; the camera looks along +z with +x to the left.
     expected = -samples.camera.focal_length_pixels * 0.2 / samples.z[ball]
