@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import (
-    SAMPLING_OPTIONS,
     add_denoise,
     add_lens,
     add_method,
@@ -21,7 +19,14 @@ from .options import (
     given_method,
     set_variant,
 )
-from .taking import Opened, samples_of_file, sampling_for
+from .taking import (
+    SCENE,
+    Opened,
+    require_no_scene_options,
+    samples_of_file,
+    sampling_for,
+    tell_done,
+)
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation
@@ -46,13 +51,6 @@ pull.toml, for example:
 
 Samples are taken once. Frames that are there already stay, so that what was interrupted goes on.
 """
-
-
-SCENE = ".xml"
-"""How names of scenes end."""
-
-SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
-"""Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
 
 
 def animate_options(command: argparse.ArgumentParser) -> str:
@@ -100,17 +98,8 @@ def animate(options: argparse.Namespace) -> None:
     sources = [options.scene, *([options.samples] if options.samples else [])]
     files.check(chosen, sources)
     if done:
-        print(
-            f"potmesil: {len(done)} of {len(chosen)} frames are there already and stay",
-            file=sys.stderr,
-        )
-        old = files.older_than(done, (options.scene, options.animation))
-        if old:
-            warnings.warn(
-                f"{len(old)} files of frames, such as {old[0]}, are older than {options.scene} or "
-                f"{options.animation}: --overwrite makes them anew",
-                stacklevel=1,
-            )
+        of = options.scene, options.animation
+        tell_done("frames", len(done), len(chosen), files.older_than(done, of), of)
     if options.samples:
         require_writable(options.samples, ENDINGS)
         if not frames:
@@ -227,13 +216,7 @@ def _of_file(
     from ..focusing.session import FocusSession
     from ..samples.formed import attributes_of_formed
 
-    of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
-    of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
-    for name, value in of_scene.items():
-        if value is not None:
-            raise ValueError(
-                f"{name}={value}: is for a scene, and {options.scene} has its samples already"
-            )
+    require_no_scene_options(options)
     if animation.moves:
         raise ValueError(
             f"{animation.moves}: moves, which asks for a scene, and {options.scene} has its "

@@ -24,6 +24,8 @@ from .commands import (
     render,
     render_options,
 )
+from .dataset import dataset, dataset_options
+from .stack import stack, stack_options
 
 
 def run(arguments: Sequence[str]) -> None:
@@ -50,6 +52,8 @@ COMMANDS = {
     "render": _Command("render a Mitsuba scene through the lens", render_options, render),
     "focus": _Command("form a picture from point samples", focus_options, refocus),
     "animate": _Command("form the frames of an animation", animate_options, animate),
+    "stack": _Command("form pictures at many distances or apertures", stack_options, stack),
+    "dataset": _Command("form the stacks of a data set", dataset_options, dataset),
     "compare": _Command(
         "compare a focused picture with a ray-traced one: error and time",
         compare_options,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import shlex
+import sys
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .options import (
+    SAMPLING_OPTIONS,
     given_denoise,
     given_lens,
     given_method,
@@ -29,6 +32,13 @@ if TYPE_CHECKING:
     from ..optics.telecentric import TelecentricLens
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
+
+
+SCENE = ".xml"
+"""How names of scenes end."""
+
+SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
+"""Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
 
 
 class Lenses(Protocol):
@@ -111,7 +121,7 @@ class Opened:
             sampling=sampling,
             motion=motion or self.motion,
         )
-        samples = samples.replace(provenance={**samples.provenance, **_source(options)})
+        samples = samples.replace(provenance={**samples.provenance, **source_of(options)})
         if options.samples:
             try:
                 samples.save(options.samples)
@@ -125,7 +135,7 @@ class Opened:
             raise error
 
 
-def _source(options: argparse.Namespace) -> dict[str, str]:
+def source_of(options: argparse.Namespace) -> dict[str, str]:
     """What the options say of the scene that is sampled, for its provenance."""
     from ..samples.provenance import file_name, shown
 
@@ -192,3 +202,30 @@ def sampling_for(
         distances = [float(one.focus_distance) for one in thin]
         changes["focus_range"] = (min(distances), max(distances))
     return dataclasses.replace(sampling, **changes)
+
+
+def tell_done(
+    what: str, done: int, count: int, old: Sequence[Path], sources: Sequence[str]
+) -> None:
+    """Tell that ``done`` of ``count`` things are there already, and warn of ``old`` files of them.
+
+    These are older than one of the ``sources`` that they are made of.
+    """
+    print(f"potmesil: {done} of {count} {what} are there already and stay", file=sys.stderr)
+    if old:
+        warnings.warn(
+            f"{len(old)} files of {what}, such as {old[0]}, are older than "
+            f"{' or '.join(sources)}: --overwrite makes them anew",
+            stacklevel=1,
+        )
+
+
+def require_no_scene_options(options: argparse.Namespace) -> None:
+    """Raise ``ValueError`` for an option that says what is sampled, where samples are given."""
+    of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
+    of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
+    for name, value in of_scene.items():
+        if value is not None:
+            raise ValueError(
+                f"{name}={value}: is for a scene, and {options.scene} has its samples already"
+            )

@@ -18,6 +18,9 @@ AXES = "x to the left, y up, z along the view; pixels from the top left corner o
 
 DEPTH_KIND = "z along the axis, scene units; inf where nothing was hit"
 
+METRES = "z along the axis, metres; nearest and farthest in scene units"
+"""What depths are, in one layout and in the other."""
+
 CIRCLES = {
     "ThinLens": "diameter in pixels = scale * (1/z - 1/focus_distance), positive nearer than focus",
     "TelecentricLens": "diameter in pixels = scale * (focus_distance - z), positive nearer than "
@@ -37,6 +40,7 @@ def camera_told(samples: PointSamples) -> dict[str, Any]:
         "crop_offset": camera.crop_offset,
         "camera_to_world": camera.to_world,
         "axes": AXES,
+        "camera_to_world_opengl": camera.world_from_camera("opengl").tolist(),
         "near_clip": camera.near_clip,
         "far_clip": camera.far_clip,
     }
@@ -86,12 +90,11 @@ def lens_told(lens: Lens, camera: Camera, ends: tuple[float, float]) -> dict[str
     return told
 
 
-def samples_told(samples: PointSamples, source: str) -> dict[str, Any]:
-    """Where the samples of a stack are from."""
+def samples_told(samples: PointSamples) -> dict[str, Any]:
+    """How many samples a stack is formed of, and how they were made."""
     return {
-        "source": source,
-        "samples": len(samples),
-        "samples_per_pixel": samples.spp,
+        "count": len(samples),
+        "per_pixel": samples.spp,
         "provenance": dict(samples.provenance),
     }
 

@@ -27,6 +27,9 @@ MOST_PICTURES = 1_000_000
 TABLES = (".csv", ".toml")
 """Suffixes of the files that :func:`read_table` reads."""
 
+OPENING = ("focus_distance", "f_number", "aperture_radius", "half_angle")
+"""Parameters that say how a lens is focused and opened."""
+
 TEXTS = ("film", "aperture")
 """Columns of a table that are no numbers."""
 
@@ -92,8 +95,8 @@ class Foci:
         for i, f_number in enumerate(self.f_numbers or ()):
             if not is_infinite(f_number):
                 require_positive(f"f_numbers[{i}]", f_number)
-        if self._count() > MOST_PICTURES:
-            raise ValueError(f"count: {self._count()} pictures: must be {MOST_PICTURES} at most")
+        if len(self) > MOST_PICTURES:
+            raise ValueError(f"count: {len(self)} pictures: must be {MOST_PICTURES} at most")
 
     def _require_even(self) -> None:
         require_whole("count", self.count, 2, MOST_PICTURES)
@@ -103,14 +106,21 @@ class Foci:
         if not float(self.near or 0) < float(self.far or 0):
             raise ValueError(f"far={self.far}: must be > near={self.near}")
 
-    def _count(self) -> int:
+    def __len__(self) -> int:
+        if self.table is not None:
+            return len(self.table)
         return len(self.distances or "1") * (self.count or 1) * len(self.f_numbers or "1")
 
     def first_lens(self) -> dict[str, Any]:
-        """The parameters that the first lens has in place of those of the lens at hand."""
+        """How the first lens is focused and opened, as far as that is told of all of them.
+
+        Its other parameters do not matter to the sensor, whose field of view all pictures have.
+        """
         if self.table is not None:
-            first = self.table[0]
-            return first.parameters() if isinstance(first, Lens) else dict(first)
+            rows = [one.parameters() if isinstance(one, Lens) else one for one in self.table]
+            # What one of them lacks is to be the lens's own.
+            told = [name for name in OPENING if all(name in row for row in rows)]
+            return {name: rows[0][name] for name in told}
         focused = self.near if self.distances is None else self.distances[0]
         f_number = self.f_numbers[0] if self.f_numbers else None
         changes = {"focus_distance": focused, "f_number": f_number}

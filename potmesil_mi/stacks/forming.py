@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,13 +20,15 @@ from ..optics.lens import ThinLens
 from ..samples.formed import attributes_of_formed
 from ..samples.maps import CHANNELS, circles_of, depth_map, normal_map
 from ..samples.point_samples import PointSamples
-from .describing import DEPTH_KIND, camera_told, ends_of_depth, lens_told, samples_told
+from .describing import DEPTH_KIND, METRES, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
 from .layouts import write_depth, write_formed
 from .plan import StackItem, StackPlan
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
+
+T = TypeVar("T")
 
 NORMALS = ("normal.X", "normal.Y", "normal.Z")
 """Channels of the map of normals."""
@@ -56,6 +58,7 @@ class Forming:
     ) -> None:
         self.session = session
         self._picture: dict[str, Any] = {"rfilter": rfilter, "alpha": alpha, "filters": filters}
+        self._mapped: set[Path] = set()
 
     @property
     def samples(self) -> PointSamples:
@@ -79,20 +82,31 @@ class Forming:
             self.session.focus(pinhole(self.samples.lens), rfilter=self._picture["rfilter"])
         )
 
-    def do(self, plan: StackPlan, items: Iterable[StackItem]) -> None:
-        """Form and write ``items`` of a plan, and what there is of all of them."""
+    def do(self, plan: StackPlan, items: Iterable[StackItem], failed: Failed | None = None) -> None:
+        """Form and write ``items`` of a plan, and what there is of all of them.
+
+        What cannot be made ``failed`` is told of, and the rest is made; ``None``: the error of the
+        first is raised.
+        """
         items = list(items)
         with Behind() as behind, reported() as report:
-            behind.do(lambda: write_json(Path(plan.files.stack), self.told(plan)))
             self._do_maps(plan, behind)
+            behind.do(lambda: write_json(Path(plan.files.stack), self.told(plan)))
             for done, item in enumerate(items):
+                what = str(plan.paths(item)[0])
                 with step_progress(report, f"Picture {item.index}", done, len(items)):
-                    picture = np.array(self.session.focus(item.lens, **self._picture))
-                behind.do(functools.partial(self.write, plan, item, picture))
+                    picture = _attempted(functools.partial(self.form, item), what, failed)
+                if picture is not None:
+                    write = functools.partial(self.write, plan, item, picture)
+                    behind.do(functools.partial(_attempted, write, what, failed))
+
+    def form(self, item: StackItem) -> np.ndarray:
+        """The picture of an item."""
+        return np.array(self.session.focus(item.lens, **self._picture))
 
     def write(self, plan: StackPlan, item: StackItem, picture: np.ndarray) -> None:
         """Write an item's picture, and what is told of it last: then it is done."""
-        said = attributes_of_formed(self.samples, plan.method, item.lens)
+        said = attributes_of_formed(self.samples, self.session.method, item.lens)
         pictures, circles, described = plan.files_of(item)
         for path in pictures:
             write_formed(picture, path, said)
@@ -118,22 +132,26 @@ class Forming:
             "format": "potmesil stack",
             "format_version": 1,
             "potmesil_mi": package_version(),
-            "samples": samples_told(self.samples, plan.source),
+            "samples": samples_told(self.samples),
             "camera": camera_told(self.samples),
             "depth": {
-                "kind": "z along the axis, m" if plan.files.metres else DEPTH_KIND,
+                "kind": METRES if plan.files.metres else DEPTH_KIND,
                 "nearest": self.ends[0],
                 "farthest": self.ends[1],
             },
             "maps": {name: plan.files.told(path) for name, path in plan.map_paths().items()},
+            **plan.how,
             **plan.extra,
             "pictures": [self.told_of(plan, item) for item in plan.items],
         }
 
     def _do_maps(self, plan: StackPlan, behind: Behind) -> None:
         """Write what there is once for all pictures; each run writes the same."""
+        if self._mapped == set(plan.map_paths().values()):  # by another plan
+            return
+        self._mapped = set(plan.map_paths().values())
         lens = pinhole(self.samples.lens)
-        said = attributes_of_formed(self.samples, plan.method, lens)
+        said = attributes_of_formed(self.samples, self.session.method, lens)
         if "depth" in plan.maps:
             unit = lens.millimeters_per_unit if isinstance(lens, ThinLens) else 1000.0
             behind.do(lambda: write_depth(self.depth, plan.files, said, unit))
@@ -151,6 +169,17 @@ class Forming:
         if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
             return lens.in_units(own.millimeters_per_unit)
         return lens
+
+
+def _attempted(job: Callable[[], T], what: str, failed: Failed | None) -> T | None:
+    """What a job gives; ``None`` where it fails, of which ``failed`` is told if it is given."""
+    try:
+        return job()
+    except Exception as error:
+        if failed is None:
+            raise
+        failed(what, error)
+        return None
 
 
 def pinhole(lens: Lens) -> Lens:

@@ -51,21 +51,18 @@ class StackPlan:
     ============================  ==========================================================
     ``items``                     a :class:`StackItem` for each picture
     ``files``                     where they are written
-    ``source``                    what the samples are of, as it is told
-    ``method``                    by which they are formed, as a text
+    ``how``                       what the samples are of, in ``source``, and how pictures are
+                                  formed, as it is told; where it changes pictures are made anew
     ``maps``                      which maps there are: ``depth``, ``circles``, ``normals``; and
                                   ``sharp``, the picture of the pinhole
-    ``filters``                   special effects, as texts
     ``extra``                     what else is told of the stack
     ============================  ==========================================================
     """
 
     items: Sequence[StackItem]
     files: StackFiles
-    source: str
-    method: str
+    how: Mapping[str, Any]
     maps: frozenset[str] = frozenset()
-    filters: Sequence[str] = ()
     extra: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod
@@ -120,8 +117,8 @@ class StackPlan:
 
     def told_of(self, item: StackItem) -> dict[str, Any]:
         """What says by which lens and how a picture is formed: if it changes, another is made."""
-        how = {"source": self.source, "method": self.method, "filters": list(self.filters)}
-        return {**item.to_dict(), **how}
+        told: dict[str, Any] = {**item.to_dict(), **in_json(self.how)}
+        return told
 
     def is_done(self, item: StackItem) -> bool:
         """Whether an item is finished: all its files are there, and tell of this very picture."""
