@@ -28,6 +28,7 @@ from .optics.telecentric import TelecentricLens
 from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
+from .stacks.focal_stack import FocalStack, focal_stack
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
@@ -45,6 +46,7 @@ __all__ = [
     "Equation20",
     "Fade",
     "Filter",
+    "FocalStack",
     "FocusSession",
     "ImageAperture",
     "Key",
@@ -68,6 +70,7 @@ __all__ = [
     "aperture_of",
     "apply_filters",
     "evaluation",
+    "focal_stack",
     "focus",
     "motion_vectors",
     "parse_filter",

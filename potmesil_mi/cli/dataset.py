@@ -90,7 +90,7 @@ def dataset(options: argparse.Namespace) -> None:
     folder = Path(options.output)
     write_json(require_writable(folder / INDEX, (".json",)), _told(recipe, views, folder))
     failures: list[tuple[str, Exception]] = []
-    opening, counts = _Opening(options, recipe), [0, 0]
+    opening, counts = _Opening(options, recipe, views), [0, 0]
     with reported() as report:
         for done, view in enumerate(chosen):
             name = f"{view.name}, sensor {view.sensor}, camera {view.camera}"
@@ -102,9 +102,9 @@ def dataset(options: argparse.Namespace) -> None:
                 else:
                     counts = [a + b for a, b in zip(counts, found, strict=True)]
     if counts[0]:
-        tell_done("pictures", *counts, [], [])
-    for name, error in failures:
-        print(f"potmesil: {name}: {error}", file=sys.stderr)
+        tell_done("pictures", counts[0], counts[1], [], [])
+    for name, failure in failures:
+        print(f"potmesil: {name}: {failure}", file=sys.stderr)
     if failures:
         raise RuntimeError(
             f"{len(failures)} pictures or cameras could not be made, see above; the others are in "
@@ -118,6 +118,7 @@ class _Opening:
 
     options: argparse.Namespace
     recipe: Recipe
+    views: list[View]
     scene: tuple[str, int] | None = None
     opened: Opened | None = None
 
@@ -142,7 +143,10 @@ class _Opening:
         """The scene of a view. Raises ``ValueError`` for one with a motion of its own."""
         if self.opened is None or self.scene != (view.name, view.sensor):
             self.opened = None
-            self.opened = Opened.of(self.options_of(view), view.first_lens())
+            # The lens of the sensor must not depend on which view comes first here.
+            views = (one for one in self.views if one.name == view.name)
+            first = next(one for one in views if one.sensor == view.sensor)
+            self.opened = Opened.of(self.options_of(view), first.first_lens())
             self.scene = view.name, view.sensor
         if self.opened.motion is not None:
             raise ValueError(f"motion: {view.path} has one, which a data set must not have")
@@ -158,7 +162,7 @@ def _do_view(opening: _Opening, view: View, folder: Path, failed: Failed) -> tup
     lens = opened.sensor.lens()
     how = {
         **scene_told(options),
-        "camera": view.camera,
+        "camera_number": view.camera,
         "turn": view.turn,
         "move": view.move,
         **how_formed(options, opened.method, opened.filters),
@@ -245,7 +249,9 @@ def _motion(view: View, camera: Camera) -> Motion | None:
     right, up, ahead = view.move
     origin = own[:3, 3] + axes @ (-right, up, ahead)
     angles = dict(zip(ANGLES, map(float, angles_of(axes)), strict=True))
-    turned = {name: Track.of(angles[name] + float(view.turn[name])) for name in ANGLES}
+    turned: dict[str, Any] = {
+        name: Track.of(angles[name] + float(view.turn[name])) for name in ANGLES
+    }
     return Motion(CameraMove(origin=VectorTrack.of(origin.tolist()), **turned))
 
 

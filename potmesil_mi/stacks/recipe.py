@@ -200,7 +200,7 @@ class Recipe:
             float(self._drawn(draw, f"{name}/{of}"))
             for of, draw in zip(MOVES, self.cameras["move"], strict=True)
         )
-        stacks = []
+        stacks: list[StackDraw] = []
         for lens in range(self.lens["count"]):
             for aperture in range(self.apertures["count"]):
                 opened = {**_named(self.lens, f"{name}/{lens}")}
