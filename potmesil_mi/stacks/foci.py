@@ -136,27 +136,33 @@ class Foci:
         found: list[Lens] = []
         distances: Sequence[float] | None = self.distances
         if self.count is not None:
+            for name in ("near", "far"):
+                _replaced(lens, "focus_distance", name, getattr(self, name))
             distances = equal_circles(lens, self.near, self.far, self.count)
         opened = [lens]
         if self.f_numbers is not None:
-            opened = [_replaced(lens, "f_number", *one) for one in enumerate(self.f_numbers)]
+            opened = [
+                _replaced(lens, "f_number", f"f_numbers[{i}]", one)
+                for i, one in enumerate(self.f_numbers)
+            ]
         for one in opened:
             if distances is None:
                 found.append(one)
             else:
-                found += [_replaced(one, "focus_distance", *of) for of in enumerate(distances)]
+                found += [
+                    _replaced(one, "focus_distance", f"distances[{i}]", distance)
+                    for i, distance in enumerate(distances)
+                ]
         return found
 
 
 def equal_circles(lens: Lens, near: Any, far: Any, count: int) -> list[float]:
-    """Distances from ``near`` to ``far`` between which circles of confusion grow by equal steps.
+    """Distances between which circles of confusion grow by equal steps, of which both ends are.
 
-    Raises ``ValueError`` for a distance that is not > 0, or ``inf``, of a lens that allows neither.
+    They are ends that the lens can be focused on.
     """
     if isinstance(lens, TelecentricLens):
-        require_number("far", far)
         return np.linspace(float(near), float(far), count).tolist()
-    require_positive("near", near, "scene units")
     inverse = np.linspace(1 / float(near), 1 / float(far), count).tolist()
     between = [1 / one for one in inverse[1:-1]]
     return [float(near), *between, float(far)]  # Not what rounding makes of the ends.
@@ -225,10 +231,10 @@ def _lens_of(i: int, lens: Lens, one: Lens | Changes) -> Lens:
         return lens.replace(**changes)
 
 
-def _replaced(lens: Lens, name: str, i: int, value: Any) -> Lens:
+def _replaced(lens: Lens, name: str, place: str, value: Any) -> Lens:
     """A lens with another focus distance or f-number, which errors tell the place of."""
     changes: Any = {name: float(value)}
-    with named(f"{'distances' if name == 'focus_distance' else 'f_numbers'}[{i}]"):
+    with named(place):
         return lens.replace(**changes)
 
 

@@ -74,7 +74,7 @@ def test_a_lens_that_there_cannot_be_is_told_with_its_place():
         Foci([1.0, 0.01]).lenses(THIN)
     with pytest.raises(ValueError, match="f_numbers: must be None for a TelecentricLens"):
         Foci([1.0], f_numbers=[2.0]).lenses(TELECENTRIC)
-    with pytest.raises(ValueError, match=r"near=-1\.0: must be > 0"):
+    with pytest.raises(ValueError, match=r"near: focus_distance=-1\.0: must be"):
         Foci(near=-1.0, far=2.0, count=3).lenses(THIN)
     with pytest.raises(TypeError, match=r"lenses\[0\]: width: not a parameter"):
         Foci(table=[{"width": 1}]).lenses(THIN)
