@@ -2,23 +2,65 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from ._files import require_path, require_writable, written_whole
+from ._files import require_path, require_suffix, require_writable, written_whole
+from ._validation import require_choice, require_whole
 
-PICTURES = (".exr", ".png", ".jpg", ".jpeg")
+BitDepth = Literal["8", "16", "half", "float"]
+"""How numbers are kept: sRGB in 8 or 16 bits, or linear in floats of 16 or 32 bits."""
+
+BIT_DEPTHS: dict[str, tuple[BitDepth, ...]] = {
+    ".exr": ("float", "half"),
+    ".png": ("8", "16"),
+    ".tif": ("16", "8", "float"),
+    ".tiff": ("16", "8", "float"),
+    ".jpg": ("8",),
+    ".jpeg": ("8",),
+}
+"""Those of the files that :func:`write_picture` writes, by their suffixes; the default first.
+
+There is no TIFF of halves: few programs read them.
+"""
+
+PICTURES = tuple(BIT_DEPTHS)
 """Suffixes of the files that :func:`write_picture` writes."""
+
+LOSSY = (".jpg", ".jpeg")
+"""Those of files that have a quality, and no alpha."""
+
+TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
+"""What OpenImageIO calls them."""
+
+LARGEST_HALF = float(np.finfo(np.float16).max)
+"""What is larger in a picture of halves becomes this, and not infinite."""
+
+
+class PictureForm(TypedDict, total=False):
+    """How the numbers of pictures are kept: see :func:`write_picture`."""
+
+    bit_depth: BitDepth
+    quality: int
+
 
 OIIO_NAMES = {"aperture": "FNumber"}
 """Attributes of OpenEXR that OpenImageIO calls otherwise."""
 
 EXIF_TEXTS = ("Software", "ImageDescription")
 """What may be said of a picture that files without room for more have a place for."""
+
+DESCRIPTION = "ImageDescription"
+"""Where a TIFF has all that is said of it, as JSON: it has no attributes of one's own."""
+
+OWN_LENS = "potmesil:lens"
+"""What is always said of the pictures of this package: the lens, as JSON."""
 
 LARGEST_WHOLE = (1 << 31) - 1
 """The largest whole number that an attribute of OpenEXR may be."""
@@ -27,7 +69,7 @@ WINDOWS = {"dataWindow", "displayWindow"}
 """What may be said of where a picture is in the whole: left, top, width, height."""
 
 JPEG_QUALITY = 90
-"""Quality of JPEG files, 1 to 100."""
+"""Quality of JPEG files, 1 to 100, unless it is said."""
 
 
 def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
@@ -50,13 +92,51 @@ def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def read_srgb(path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture that :func:`write_picture` wrote, in 8-bit sRGB without alpha: uint8 (H, W, 3)."""
-    import mitsuba as mi
+    """A picture that :func:`write_picture` wrote, in 8-bit sRGB without alpha: uint8 (H, W, 3).
 
-    bitmap = mi.Bitmap(os.fspath(path))
-    if bitmap.component_format() != mi.Struct.Type.UInt8:  # Clipped, see write_picture.
-        bitmap = mi.Bitmap(np.clip(np.array(bitmap, dtype=np.float32), 0, 1))
-    return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True))
+    Raises ``OSError`` where it cannot be read.
+    """
+    import OpenImageIO as oiio
+
+    how = oiio.ImageSpec()
+    how.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
+    opened = oiio.ImageInput.open(str(path), how)
+    values = None if opened is None else opened.read_image(0, 0, 0, 3, opened.spec().format)
+    if values is None:
+        raise OSError(f"{path}: cannot be read: {(opened or oiio).geterror()}")
+    if values.dtype == np.uint8:
+        return np.asarray(values)
+    if values.dtype == np.uint16:
+        return ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    return _in_srgb(values.astype(np.float32), "8")
+
+
+def require_format(
+    paths: Iterable[str | os.PathLike[str]],
+    bit_depth: BitDepth | None = None,
+    quality: int | None = None,
+) -> None:
+    """Raise ``ValueError`` or ``TypeError`` unless pictures can be written so.
+
+    ``bit_depth`` must be one of ``BIT_DEPTHS`` for the suffix of each of the ``paths``, of which
+    one must be a JPEG where there is a ``quality``, 1 to 100. By default both are as they may be.
+    """
+    suffixes = [require_suffix(Path(path), PICTURES).suffix.lower() for path in paths]
+    if bit_depth is not None:
+        require_choice("bit_depth", bit_depth, get_args(BitDepth))
+        for suffix in suffixes:
+            if bit_depth not in BIT_DEPTHS[suffix]:
+                raise ValueError(
+                    f"bit_depth={bit_depth!r}: must be one of {', '.join(BIT_DEPTHS[suffix])} for "
+                    f"a picture whose name ends in {suffix}"
+                )
+    if quality is not None:
+        require_whole("quality", quality, 1, 100)
+        if not set(suffixes) & set(LOSSY):
+            raise ValueError(
+                f"quality={quality}: must be left out, for it is of JPEG, and no picture's name "
+                f"ends in {' or '.join(LOSSY)}"
+            )
 
 
 def write_picture(
@@ -64,22 +144,49 @@ def write_picture(
     path: str | os.PathLike[str],
     said: Mapping[str, Any] | None = None,
     maps: Mapping[str, np.ndarray] | None = None,
+    *,
+    bit_depth: BitDepth | None = None,
+    quality: int = JPEG_QUALITY,
 ) -> None:
-    """Write linear RGB (A), (H, W, 3 or 4): ``.exr`` in float32, else in 8-bit sRGB.
+    """Write a picture in the format that the ending of its name stands for.
 
-    What is ``said`` of it, numbers, pairs of them, matrices (4, 4) and text, becomes attributes of
-    an EXR, and text in a PNG; a JPEG has ``EXIF_TEXTS`` of it. ``maps``,
-    (H, W), become further channels of an EXR. Raises ``ValueError`` for another suffix and
-    ``OSError`` where it cannot be written; then nothing is left behind.
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``image``                     (H, W, 3 or 4), linear RGB and alpha, which colours are
+                                  multiplied by
+    ``path``                      ends in one of ``PICTURES``
+    ``said``                      what is said of it: numbers, pairs of them, matrices (4, 4) and
+                                  text. Attributes of an EXR, text in a PNG, JSON in the
+                                  ``ImageDescription`` of a TIFF; a JPEG has ``EXIF_TEXTS`` of it
+    ``maps``                      (H, W), by their names: further channels of an EXR, in float32
+    ``bit_depth``                 one of ``BIT_DEPTHS``, by default the first: ``8`` and ``16``
+                                  bits are sRGB, clipped to [0, 1]; ``float`` is linear, and so is
+                                  ``half``, clipped to +-65504
+    ``quality``                   of a JPEG, 1 to 100 (default 90); the others lose nothing
+    ============================  ==========================================================
+
+    Raises ``ValueError`` for another suffix and what it cannot have, and ``OSError`` where it
+    cannot be written; then nothing is left behind.
     """
     path = require_writable(path, PICTURES)
-    values = np.ascontiguousarray(image, dtype=np.float32)
     ending = path.suffix.lower()
-    if ending != ".exr":
-        values = _in_srgb(values if ending == ".png" else values[..., :3])
-        maps = None
-    spec = _spec_of(values, ending, said or {})
-    if maps:
+    require_format([path], bit_depth)
+    require_whole("quality", quality, 1, 100)
+    depth = bit_depth or BIT_DEPTHS[ending][0]
+    values = np.ascontiguousarray(image, dtype=np.float32)
+    if ending in LOSSY:
+        values = values[..., :3]
+    if depth in ("8", "16"):
+        values = _in_srgb(values, depth)
+    elif depth == "half":
+        values = np.clip(values, -LARGEST_HALF, LARGEST_HALF)
+    spec = _spec_of(values, ending, depth, said or {})
+    if ending in LOSSY:
+        spec.attribute("CompressionQuality", quality)
+    if maps and ending == ".exr":
+        # What is far, and the number of a surface, may be more than a half can be.
+        spec.channelformats = (*(TYPES[depth],) * spec.nchannels, *("float",) * len(maps))
         spec.channelnames = (*spec.channelnames, *maps)
         spec.nchannels += len(maps)
         planes = [np.asarray(plane, np.float32)[..., None] for plane in maps.values()]
@@ -101,23 +208,10 @@ def write_maps(
     """
     path = require_writable(path, (".exr",))
     values = np.stack([np.asarray(plane, np.float32) for plane in maps.values()], axis=2)
-    spec = _spec_of(values, ".exr", said or {})
+    spec = _spec_of(values, ".exr", "half" if half else "float", said or {})
     spec.channelnames = tuple(maps)
-    if half:
-        spec.set_format("half")
     with written_whole(path) as temporary:
         _write(values, spec, temporary)
-
-
-def write_tiff(image: Any, path: str | os.PathLike[str]) -> None:
-    """Write linear RGB, (H, W, 3 or more), as a TIFF in 8-bit sRGB without alpha.
-
-    Raises what :func:`write_picture` does.
-    """
-    path = require_writable(path, (".tif",))
-    values = _in_srgb(np.ascontiguousarray(np.asarray(image)[..., :3], dtype=np.float32))
-    with written_whole(path) as temporary:
-        _write(values, _spec_of(values, ".tif", {}), temporary)
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
@@ -130,48 +224,93 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def _in_srgb(linear: np.ndarray) -> np.ndarray:
-    """8-bit sRGB of linear colours, which are clipped to [0, 1]; alpha stays linear."""
+def _in_srgb(linear: np.ndarray, depth: BitDepth) -> np.ndarray:
+    """Linear colours, clipped to [0, 1], in sRGB of so many bits; alpha stays linear."""
     values = np.clip(np.nan_to_num(linear), 0, 1)
-    if values.shape[2] == 4:  # PNG has colours that are not multiplied by alpha.
+    if values.shape[2] == 4:  # What is kept so has colours that are not multiplied by alpha.
         alpha = np.maximum(values[..., 3:], np.float32(1e-6))
         values[..., :3] = np.clip(np.nan_to_num(linear[..., :3]) / alpha, 0, 1)
     values[..., :3] = srgb_from_linear(values[..., :3])
-    return (values * 255 + np.float32(0.5)).astype(np.uint8)
+    kind = np.dtype(TYPES[depth])
+    return (values * np.float32(np.iinfo(kind).max) + np.float32(0.5)).astype(kind)
 
 
-def _spec_of(values: np.ndarray, ending: str, said: Mapping[str, Any]) -> Any:
+def _spec_of(values: np.ndarray, ending: str, depth: BitDepth, said: Mapping[str, Any]) -> Any:
     """What OpenImageIO is to know of a picture in a file of that ``ending``."""
     import OpenImageIO as oiio
 
     height, width, channels = values.shape
-    spec = oiio.ImageSpec(width, height, channels, "float" if ending == ".exr" else "uint8")
-    spec.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
+    spec = oiio.ImageSpec(width, height, channels, TYPES[depth])
     texts = {name: value for name, value in said.items() if name not in WINDOWS}
-    if ending == ".exr":
+    if depth in ("8", "16"):
+        spec.attribute("oiio:UnassociatedAlpha", 1)  # Leave the numbers as they are.
+        spec.attribute("oiio:ColorSpace", "sRGB")
+    if ending not in LOSSY:
         spec.attribute("compression", "zip")
+    if ending == ".exr":
         if said.keys() >= WINDOWS:
             _place(spec, said["dataWindow"], said["displayWindow"])
         for name, value in texts.items():
-            name = OIIO_NAMES.get(name, name)
+            _put(spec, OIIO_NAMES.get(name, name), value)
+    elif ending == ".png":
+        for name, value in texts.items():
             if isinstance(value, np.ndarray):
-                spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
-            elif isinstance(value, tuple):
-                spec.attribute(name, oiio.TypeDesc("float[2]"), value)
-            elif isinstance(value, int) and abs(value) > LARGEST_WHOLE:
-                spec.attribute(name, str(value))
-            else:
-                spec.attribute(name, value)
-        return spec
-    spec.attribute("oiio:ColorSpace", "sRGB")
-    spec.attribute("CompressionQuality", JPEG_QUALITY)
-    for name, value in texts.items():
-        if ending != ".png" and name not in EXIF_TEXTS:
-            continue
-        if isinstance(value, np.ndarray):
-            value = " ".join(f"{number:.9g}" for number in value.ravel())
-        spec.attribute(name, str(value))
+                value = " ".join(f"{number:.9g}" for number in value.ravel())
+            spec.attribute(name, str(value))
+    else:
+        for name in EXIF_TEXTS:
+            if name in texts:
+                spec.attribute(name, str(texts[name]))
+        if texts and ending not in LOSSY:
+            spec.attribute(DESCRIPTION, _described(texts))
     return spec
+
+
+def _put(spec: Any, name: str, value: Any) -> None:
+    """Make something an attribute of OpenEXR."""
+    import OpenImageIO as oiio
+
+    if isinstance(value, np.ndarray):
+        spec.attribute(name, oiio.TypeDesc("matrix"), tuple(map(float, value.ravel())))
+    elif isinstance(value, tuple):
+        spec.attribute(name, oiio.TypeDesc("float[2]"), value)
+    elif isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+        spec.attribute(name, str(value))
+    else:
+        spec.attribute(name, value)
+
+
+def _described(texts: Mapping[str, Any]) -> str:
+    """What is said of a picture as JSON, in which what is not finite is text."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.ravel().tolist()
+        return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+    return json.dumps({name: plain(value) for name, value in texts.items()})
+
+
+def attributes_described(text: Any) -> dict[str, Any]:
+    """What the description of a TIFF says that :func:`write_picture` wrote; else nothing.
+
+    It is not trusted: there are numbers, texts and lists of numbers in what is returned.
+    """
+    if not isinstance(text, str) or not text.startswith("{"):
+        return {}
+    try:
+        values = json.loads(text, parse_int=float)  # A whole number may be too large for one.
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(values, dict) or OWN_LENS not in values:
+        return {}
+
+    def is_plain(value: Any) -> bool:
+        if isinstance(value, list):
+            return all(isinstance(of, float) for of in value)
+        return isinstance(value, (str, float))
+
+    return {name: value for name, value in values.items() if is_plain(value)}
 
 
 def _place(spec: Any, box: tuple[int, ...], film: tuple[int, ...]) -> None:

@@ -6,10 +6,13 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .._files import require_suffix, require_writable
-from .._image import PICTURES, write_picture
+from .._files import require_writable
+from .._image import PICTURES, PictureForm, require_format, write_picture
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 SHARD = re.compile(r"(\d+)/(\d+)")
@@ -51,13 +54,16 @@ def chosen_frames(every: range, frames: str | None = None, shard: str | None = N
 class FrameFiles:
     """Files of frames, by patterns such as ``frame_{:04d}.exr``, and a name for each of them.
 
-    ``endings`` are those that names may have. Raises ``ValueError`` for a pattern without a place
-    for the number, or with another one.
+    ``form`` is how :func:`write_picture` is to keep each. Raises ``ValueError`` for a pattern
+    without a place for the number, or with another one.
     """
 
-    def __init__(self, patterns: Sequence[str], endings: Iterable[str] = PICTURES) -> None:
-        self.patterns = patterns
-        self.endings = tuple(endings)
+    def __init__(
+        self,
+        patterns: Sequence[str],
+        **form: Unpack[PictureForm],
+    ) -> None:
+        self.patterns, self.form = patterns, form
         for pattern in patterns:
             if len(PLACE.findall(pattern)) != 1 or BRACE.search(PLACE.sub("", pattern)):
                 raise ValueError(
@@ -78,9 +84,9 @@ class FrameFiles:
             if source is not None:
                 raise ValueError(f"{source}: a frame must not take its place")
         for path in folders.values():
-            require_writable(path, self.endings)
-        for path in self.of(0):  # where there are no frames to write
-            require_suffix(path, self.endings)
+            require_writable(path, PICTURES)
+        # Also where there are no frames to write.
+        require_format(self.of(0), **self.form)
 
     def of(self, frame: int) -> list[Path]:
         """The files of a frame."""
@@ -99,4 +105,4 @@ class FrameFiles:
     def write(self, frame: int, picture: object, said: Mapping[str, Any] | None = None) -> None:
         """Write a frame with what is ``said`` of it, see :func:`write_picture`."""
         for path in self.of(frame):
-            write_picture(picture, path, said)
+            write_picture(picture, path, said, **self.form)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .options import (
     add_denoise,
+    add_form,
     add_lens,
     add_method,
     add_picture,
@@ -16,6 +17,7 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
+    given_form,
     given_method,
     set_variant,
 )
@@ -59,10 +61,11 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     command.add_argument("animation", metavar="ANIMATION.toml", help="what changes, see below")
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
-        help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg), with the number of the "
-        "frame in the braces; may be given several times. And a movie of them, such as pull.mp4, "
-        "which needs pip install 'potmesil_mi[movie]'",
+        help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg, .tif), with the number "
+        "of the frame in the braces; may be given several times. And a movie of them, such as "
+        "pull.mp4, which needs pip install 'potmesil_mi[movie]'",
     )  # fmt: skip
+    add_form(command)
     command.add_argument("--frames", metavar="10-20", help="which frames (default: all)")
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the frames, for several machines"
@@ -89,7 +92,9 @@ def animate(options: argparse.Namespace) -> None:
     from ..samples.files import ENDINGS
 
     movies = [path for path in options.output if Path(path).suffix.lower() in MOVIES]
-    files = FrameFiles([path for path in options.output if path not in movies])
+    files = FrameFiles(
+        [path for path in options.output if path not in movies], **given_form(options)
+    )
     _check_movies(options, movies, files)
     animation = Animation.load(options.animation)
     chosen = chosen_frames(animation.frames, options.frames, options.shard)

@@ -23,6 +23,7 @@ from .options import (
     add_scene,
     add_variant,
     given_denoise,
+    given_form,
     given_method,
     given_sampling,
     scene_with_lens,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
 
+    from .._image import PictureForm
     from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
 
@@ -76,7 +78,8 @@ def render(options: argparse.Namespace) -> None:
     from ..samples.formed import attributes_of_formed
     from ..samples.maps import maps_of
 
-    _check_outputs(options.output, options.samples, options.maps)
+    form = given_form(options)
+    _check_outputs(options.output, form, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
     samples = opened.sampled(options, opened.sampling)
@@ -88,7 +91,7 @@ def render(options: argparse.Namespace) -> None:
         rfilter=opened.film.rfilter(),
         alpha=opened.has_alpha,
     )
-    _write(picture, attributes_of_formed(samples, opened.method), options.output, maps)
+    _write(picture, attributes_of_formed(samples, opened.method), options.output, maps, form)
     opened.require_kept()
 
 
@@ -130,7 +133,8 @@ def refocus(options: argparse.Namespace) -> None:
 
     from ..filters.base import as_filters
 
-    _check_outputs(options.output, maps=options.maps)
+    form = given_form(options)
+    _check_outputs(options.output, form, maps=options.maps)
     for source in (options.samples, options.depth):
         if source:
             _require_apart(source, options.output)
@@ -156,7 +160,7 @@ def refocus(options: argparse.Namespace) -> None:
     # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
     alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
     picture = focus(samples, method=method, filters=filters, alpha=alpha)
-    _write(picture, attributes_of_formed(samples, method), options.output, maps)
+    _write(picture, attributes_of_formed(samples, method), options.output, maps, form)
 
 
 def _loaded(options: argparse.Namespace) -> PointSamples:
@@ -313,17 +317,21 @@ def dof(options: argparse.Namespace) -> None:
 
 
 def _check_outputs(
-    pictures: Sequence[str], samples: str | None = None, maps: Sequence[MapName] = ()
+    pictures: Sequence[str],
+    form: PictureForm,
+    samples: str | None = None,
+    maps: Sequence[MapName] = (),
 ) -> None:
     """Find out before a long rendering that its result cannot be written."""
     from .._files import require_writable
-    from .._image import PICTURES
+    from .._image import PICTURES, require_format
 
     if maps and not any(path.lower().endswith(".exr") for path in pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
     for path in pictures:
         require_writable(path, PICTURES)
+    require_format(pictures, **form)
     if samples:
         from ..samples.files import ENDINGS
 
@@ -341,12 +349,13 @@ def _write(
     said: Mapping[str, Any],
     paths: Sequence[str],
     maps: Mapping[str, np.ndarray],
+    form: PictureForm,
 ) -> None:
-    """Write a picture with what is ``said`` of it, and with maps beside it."""
+    """Write a picture in a ``form``, with what is ``said`` of it, and with maps beside it."""
     from .._image import write_picture
 
     for path in paths:
-        write_picture(picture, path, said, maps)
+        write_picture(picture, path, said, maps, **form)
 
 
 def _console() -> Console:

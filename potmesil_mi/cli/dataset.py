@@ -136,6 +136,8 @@ class _Opening:
                 "sensor": view.sensor,
                 "seed": view.seed,
                 "samples": None,
+                "bit_depth": self.recipe.form.get("bit_depth"),
+                "quality": self.recipe.form.get("quality"),
             }
         )
 
@@ -222,6 +224,7 @@ def _files(recipe: Recipe, view: View, stack: StackDraw, folder: Path) -> StackF
     number = str(own / "{:04d}")
     return StackFiles(
         tuple(number + ending for ending in recipe.endings),
+        form=recipe.form,
         circles=f"{number}.coc.exr",
         described=f"{number}.json",
         **shared_files(shared, own),

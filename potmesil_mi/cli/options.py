@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 if TYPE_CHECKING:
     import mitsuba as mi
 
+    from .._image import PictureForm
     from ..focusing.methods import Method
     from ..motion.motion import Motion
     from ..tracing.sampling import Sampling
@@ -141,9 +142,24 @@ def add_output(command: argparse.ArgumentParser) -> None:
     """Add the options of the pictures to write, and of the variant."""
     command.add_argument(
         "-o", "--output", metavar="FILE", action="append", required=True,
-        help="picture to write, linear float .exr or sRGB .png, .jpg; may be given several times",
+        help="picture to write, linear .exr or sRGB .png, .jpg, .tif; may be given several times",
     )  # fmt: skip
+    add_form(command)
     add_variant(command)
+
+
+def add_form(command: argparse.ArgumentParser) -> None:
+    """Add the options of how the numbers of pictures are kept."""
+    from .._image import JPEG_QUALITY, BitDepth
+
+    command.add_argument(
+        "--bit-depth", choices=get_args(BitDepth),
+        help="of all pictures: .png 8 (default) or 16, .tif 16 (default) or 8, in sRGB, or float, "
+        "linear; .exr float (default) or half; .jpg 8",
+    )  # fmt: skip
+    command.add_argument(
+        "--quality", type=int, metavar="1-100", help=f"of .jpg (default {JPEG_QUALITY})"
+    )
 
 
 def add_variant(command: argparse.ArgumentParser) -> None:
@@ -331,6 +347,13 @@ def scene_with_lens(
 def given_lens(options: argparse.Namespace) -> dict[str, Any]:
     """Parameters of the lens that the options give."""
     return _given(options, LENS_OPTIONS)
+
+
+def given_form(options: argparse.Namespace) -> PictureForm:
+    """How the options say that the numbers of pictures are kept."""
+    from .._image import PictureForm
+
+    return PictureForm(**_given(options, PictureForm.__annotations__))  # type: ignore[typeddict-item]
 
 
 def given_picture(options: argparse.Namespace) -> dict[str, Any]:

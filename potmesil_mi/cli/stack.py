@@ -10,6 +10,7 @@ from .options import (
     OPTION_NAMES,
     add_denoise,
     add_filter,
+    add_form,
     add_lens,
     add_method,
     add_picture,
@@ -17,6 +18,7 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
+    given_form,
     given_method,
     set_variant,
 )
@@ -76,7 +78,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
-        help="pictures to write, such as out/{:04d}.exr (or .png, .jpg), with their number in the "
+        help="pictures to write, such as out/{:04d}.exr (or .png, .jpg, .tif), with their number in the "
         "braces; may be given several times. With --layout fod500 how names begin: fod/000012",
     )  # fmt: skip
     group = command.add_argument_group("lenses of the stack")
@@ -108,6 +110,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "--overwrite", action="store_true", help="make pictures anew that are there already"
     )
+    add_form(command)
     add_variant(command)
     add_samples(command)
     add_denoise(command, "what the scene's integrator says")
@@ -127,7 +130,7 @@ def stack(options: argparse.Namespace) -> None:
     ends = options.nearest, options.farthest, options.count
     table = None if options.lenses is None else read_table(options.lenses)
     foci = Foci(options.distances, *ends, options.f_numbers, table)
-    files = stack_files(options.layout, options.output, len(foci))
+    files = _files(options, len(foci))
     filters = as_filters(options.filter)
     if options.scene.lower().endswith(SCENE):
         _of_scene(options, foci, files, filters)
@@ -135,15 +138,20 @@ def stack(options: argparse.Namespace) -> None:
         _of_file(options, foci, files, filters)
 
 
-def stack_files(layout: str, output: list[str], count: int) -> StackFiles:
+def _files(options: argparse.Namespace, count: int) -> StackFiles:
     """The files of a stack of ``count`` pictures. Raises ``ValueError`` for bad names."""
     from ..stacks.layouts import fod500_files, plain_files
 
-    if layout == "plain":
-        return plain_files(output)
-    if len(output) > 1:
-        raise ValueError(f"output={output[1]!r}: must be given once for the layout {layout}")
-    return fod500_files(output[0], count)
+    form = given_form(options)
+    if options.layout == "plain":
+        return plain_files(options.output, form)
+    for name, value in form.items():
+        raise ValueError(f"{name}={value!r}: must be left out for the layout {options.layout}")
+    if len(options.output) > 1:
+        raise ValueError(
+            f"output={options.output[1]!r}: must be given once for the layout {options.layout}"
+        )
+    return fod500_files(options.output[0], count)
 
 
 def asked_maps(options: argparse.Namespace) -> frozenset[str]:
@@ -172,7 +180,7 @@ def how_formed(
 
     texts = [one.describe() if isinstance(one, Filter) else repr(one) for one in filters]
     denoised = {} if options.denoise is None else {"denoise": options.denoise}
-    return {"method": str(method), "filters": texts, **denoised}
+    return {"method": str(method), "filters": texts, **denoised, **given_form(options)}
 
 
 def _of_scene(

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -20,6 +22,7 @@ from .._validation import require_flag, require_number, require_whole
 from ..focusing.api import focus
 from ..focusing.methods import Method, MethodName, method_of
 from ..samples.denoising import require_extra
+from ..samples.formed import attributes_of_formed, attributes_through
 from ..samples.point_samples import PointSamples
 from ..tracing.hidden_surface import (
     WrappingIntegrator,
@@ -109,8 +112,7 @@ def compare(
     nested = nested_of(integrator)
     sensor = _comparable(sensor)
     if sampling is None:
-        wrapping = isinstance(integrator, WrappingIntegrator)
-        sampling = integrator.sampling if wrapping else Sampling()
+        sampling = integrator.sampling if isinstance(integrator, WrappingIntegrator) else Sampling()
     sampling = dataclasses.replace(sampling, features=sampling.features or denoise)
     spp = sample_count(sensor.sampler(), spp)
     renderer = ThinlensRenderer(scene, nested, sensor, seed, denoise)
@@ -126,6 +128,7 @@ def compare(
             focus(samples, lens, method=chosen, rfilter=sensor.film().rfilter())
         ),
         sensor.lens(),
+        partial(attributes_of_formed, method=chosen),
     )
     paths = float(spp)
     if sampling.pattern == "sampler":
@@ -235,7 +238,25 @@ def _judged(
         floor=reference.floor,
         lens=renderer.sensor.lens(),
         method=method.name,
+        said=_said(renderer, stages, (found.reached or found.start).measured.spp, reference.spp),
     )
+
+
+def _said(
+    renderer: ThinlensRenderer, stages: Stages, spp: float, reference_spp: float
+) -> dict[str, Mapping[str, Any]]:
+    """What is said of each of the pictures, of which ``thinlens`` has ``spp`` samples a pixel."""
+
+    def of(method: str, **more: float) -> dict[str, Any]:
+        sensor = renderer.sensor
+        return attributes_through(sensor.camera(), sensor.lens(), method, **more)
+
+    return {
+        "focused": stages.said,
+        "thinlens": of("thinlens", seed=renderer.seed, spp=spp),
+        "reference": of("thinlens", seed=renderer.seed, spp=reference_spp),
+        "difference": of("difference"),
+    }
 
 
 def _search(

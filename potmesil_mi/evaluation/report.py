@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -90,6 +91,7 @@ class Comparison:
     ``reference_spp``             its samples a pixel
     ``floor``                     PSNR in dB of the reference's own noise
     ``lens``, ``method``          what was focused, and how
+    ``said``                      what is said of each picture in its files, by its name
     ============================  ==========================================================
     """
 
@@ -110,6 +112,7 @@ class Comparison:
     floor: float
     lens: ThinLens
     method: str
+    said: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     @property
     def refocus_speedup(self) -> float:
@@ -219,7 +222,7 @@ class Comparison:
         }
         paths = output_paths(output)
         for path, name in paths.items():
-            write_picture(pictures[name], path)
+            write_picture(pictures[name], path, self.said.get(name))
         return list(paths)
 
 

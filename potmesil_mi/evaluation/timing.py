@@ -6,9 +6,9 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -76,6 +76,7 @@ class Stages:
     ``picture``                   the focused picture, linear RGB, (height, width, 3)
     ``other``                     the same of another seed
     ``point_samples``             number of point samples
+    ``said``                      what is said of the picture
     ``sampling``                  seconds of taking them, first and again
     ``denoising``                 seconds of denoising them; 0 where they are not
     ``focus_first``               seconds of the first focus of the first samples
@@ -88,6 +89,7 @@ class Stages:
     picture: np.ndarray
     other: np.ndarray
     point_samples: int
+    said: Mapping[str, Any]
     sampling: tuple[float, float]
     denoising: float
     focus_first: float
@@ -124,10 +126,11 @@ def timed_stages(
     denoise: Callable[[PointSamples], PointSamples] | None,
     form: Callable[[PointSamples, ThinLens], np.ndarray],
     lens: ThinLens,
+    say: Callable[[PointSamples], Mapping[str, Any]],
 ) -> Stages:
     """Take samples, ``denoise`` them if that is given, and form the picture of ``lens`` with them.
 
-    All of it several times.
+    All of it several times. ``say`` tells what is said of the picture of some samples.
     """
 
     def all_of_it(number: int) -> tuple[PointSamples, np.ndarray, tuple[float, float, float]]:
@@ -153,6 +156,7 @@ def timed_stages(
         picture=picture,
         other=other,
         point_samples=len(samples),
+        said=say(samples),
         sampling=(first[0], statistics.median(taking for taking, _, _ in again)),
         denoising=statistics.median(denoising for _, denoising, _ in again),
         focus_first=first[2],

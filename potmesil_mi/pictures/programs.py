@@ -39,6 +39,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._image import OWN_LENS
+
 METER = 1000.0
 """Millimetres of a scene unit where that is a metre."""
 
@@ -107,7 +109,7 @@ def depth_known(
     attributes: Mapping[str, Any], channel: str, others: Iterable[str]
 ) -> KnownDepth | None:
     """What is known of a channel of depth by the program that wrote it, if that is known."""
-    if "potmesil:lens" in attributes:
+    if OWN_LENS in attributes:
         return OWN
     if DEPTH_IN_METERS in attributes:
         return HEIC
@@ -157,7 +159,7 @@ def optics_of(
         f_number=number.positive("FNumber") or number.positive("aperture"),
         focus_meters=number.positive("focus"),
         principal_point_offset=_offset(attributes, window),
-        own_lens=own if isinstance(own := attributes.get("potmesil:lens"), str) else None,
+        own_lens=own if isinstance(own := attributes.get(OWN_LENS), str) else None,
         millimeters_per_unit=number.positive("potmesil:millimeters_per_unit"),
         formed=number.positive(FORMED) is not None or None,
     )

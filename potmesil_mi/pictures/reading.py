@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._files import require_readable
+from .._image import DESCRIPTION, attributes_described
 
 MOST_CHANNELS = 1024
 """Channels of all parts of a file together, at most."""
@@ -128,6 +129,7 @@ class PictureFile:
 
 
 def _part(number: int, spec: Any) -> PicturePart:
+    attributes = {attribute.name: attribute.value for attribute in spec.extra_attribs}
     kinds = [str(kind) for kind in spec.channelformats] or [str(spec.format)] * spec.nchannels
     return PicturePart(
         number,
@@ -137,7 +139,7 @@ def _part(number: int, spec: Any) -> PicturePart:
         tuple(spec.channelnames),
         tuple(kinds),
         bool(spec.deep),
-        {attribute.name: attribute.value for attribute in spec.extra_attribs},
+        {**attributes_described(attributes.get(DESCRIPTION)), **attributes},
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._image import OWN_LENS
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens
@@ -34,7 +35,7 @@ def standard_attributes(camera: Camera, lens: ThinLens | TelecentricLens) -> dic
     width, height = camera.film_size
     found: dict[str, Any] = {
         "worldToCamera": view,
-        "potmesil:lens": json.dumps(lens.to_dict()),
+        OWN_LENS: json.dumps(lens.to_dict()),
         "displayWindow": (0, 0, width, height),
         "dataWindow": (*camera.crop_offset, *camera.crop_size),
     }

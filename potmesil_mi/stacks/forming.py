@@ -22,7 +22,7 @@ from ..samples.maps import CHANNELS, circles_of, depth_map, normal_map
 from ..samples.point_samples import PointSamples
 from .describing import DEPTH_KIND, METRES, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
-from .layouts import write_depth, write_formed
+from .layouts import write_depth, write_formed, write_sharp
 from .plan import StackItem, StackPlan
 
 if TYPE_CHECKING:
@@ -107,9 +107,8 @@ class Forming:
     def write(self, plan: StackPlan, item: StackItem, picture: np.ndarray) -> None:
         """Write an item's picture, and what is told of it last: then it is done."""
         said = attributes_of_formed(self.samples, self.session.method, item.lens)
-        pictures, circles, described = plan.files_of(item)
-        for path in pictures:
-            write_formed(picture, path, said)
+        _, circles, described = plan.files_of(item)
+        write_formed(picture, item.index, plan.files, said)
         if circles is not None:
             diameters = circles_of(self.depth, item.lens, self.samples.camera)
             write_maps({CHANNELS["coc"]: diameters}, circles, said)
@@ -135,7 +134,7 @@ class Forming:
             "samples": samples_told(self.samples),
             "camera": camera_told(self.samples),
             "depth": {
-                "kind": METRES if plan.files.metres else DEPTH_KIND,
+                "kind": METRES if plan.files.layout == "fod500" else DEPTH_KIND,
                 "nearest": self.ends[0],
                 "farthest": self.ends[1],
             },
@@ -161,7 +160,7 @@ class Forming:
             behind.do(lambda: write_maps(normals, plan.files.normals, said))
         if "sharp" in plan.maps:
             sharp = self.sharp
-            behind.do(lambda: write_formed(sharp, Path(plan.files.sharp), said))
+            behind.do(lambda: write_sharp(sharp, plan.files, said))
 
     def _in_units(self, lens: Lens) -> Lens:
         """The lens in the samples' units, in which it is used."""

@@ -14,14 +14,14 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from .._files import require_suffix
-from .._image import PICTURES, write_maps, write_picture, write_tiff
+from .._image import PICTURES, write_maps, write_picture
 from ..animation.frames import PLACE, FrameFiles
 
 LayoutName = Literal["plain", "fod500"]
@@ -55,8 +55,10 @@ class StackFiles:
     ``stack``                     what is told of all of them
     ``depth``, ``normals``,       maps of what the pinhole sees, and its picture, all in focus
     ``sharp``
-    ``metres``                    whether depth is in metres in R, G and B, and in half
-                                  precision, in place of scene units in ``Z``
+    ``layout``                    by whose names; in ``fod500`` depth is in metres in R, G and B,
+                                  and in half precision, in place of scene units in ``Z``, and
+                                  pictures have no alpha
+    ``form``                      how :func:`potmesil_mi._image.write_picture` keeps pictures
     ============================  ==========================================================
     """
 
@@ -67,14 +69,13 @@ class StackFiles:
     depth: str
     normals: str
     sharp: str
-    metres: bool = False
-
-    def __post_init__(self) -> None:
-        self.frames()  # raises for patterns that are none
+    layout: LayoutName = "plain"
+    form: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def frames(self) -> FrameFiles:
         """The files of the pictures by their numbers."""
-        return FrameFiles(self.pictures, (*PICTURES, TIFF) if self.metres else PICTURES)
+        form: Any = self.form
+        return FrameFiles(self.pictures, **form)
 
     @property
     def folder(self) -> Path:
@@ -86,7 +87,7 @@ class StackFiles:
         return Path(os.path.relpath(path, self.folder)).as_posix()
 
 
-def plain_files(patterns: Sequence[str]) -> StackFiles:
+def plain_files(patterns: Sequence[str], form: Mapping[str, Any] | None = None) -> StackFiles:
     """Files by the names ``patterns`` of the pictures, such as ``out/{:04d}.exr``.
 
     What is told of each picture is beside that of the first pattern, and what there is of all of
@@ -94,7 +95,7 @@ def plain_files(patterns: Sequence[str]) -> StackFiles:
     """
     if not patterns:
         raise ValueError("output: must be given, such as out/{:04d}.exr")
-    FrameFiles(patterns)
+    FrameFiles(patterns)  # raises for patterns that are none
     first = Path(patterns[0])
     require_suffix(first, PICTURES)
     folder = first.parent
@@ -107,6 +108,7 @@ def plain_files(patterns: Sequence[str]) -> StackFiles:
         tuple(patterns),
         circles=str(first.with_suffix(".coc.exr")),
         described=str(first.with_suffix(".json")),
+        form=form or {},
         **shared_files(folder),
     )
 
@@ -140,23 +142,27 @@ def fod500_files(output: str, count: int) -> StackFiles:
         depth=f"{output}Dpt.exr",
         normals=f"{output}Nrm.exr",
         sharp=f"{output}Aif{TIFF}",
-        metres=True,
+        layout="fod500",
+        form={"bit_depth": "8"},
     )
 
 
-def write_formed(image: Any, path: Path, said: dict[str, Any]) -> None:
-    """Write a picture in the form that its name asks for."""
-    if path.suffix.lower() == TIFF:
-        write_tiff(image, path)
-    else:
-        write_picture(image, path, said)
+def write_formed(image: np.ndarray, index: int, files: StackFiles, said: dict[str, Any]) -> None:
+    """Write the picture of that number."""
+    files.frames().write(index, image[..., :3] if files.layout == "fod500" else image, said)
+
+
+def write_sharp(image: np.ndarray, files: StackFiles, said: dict[str, Any]) -> None:
+    """Write the picture of the pinhole, (H, W, 3)."""
+    form: Any = files.form if files.layout == "fod500" else {}
+    write_picture(image, files.sharp, said, **form)
 
 
 def write_depth(
     depth: np.ndarray, files: StackFiles, said: dict[str, Any], millimeters_per_unit: float
 ) -> None:
     """Write the map of depths, (H, W) in scene units."""
-    if files.metres:
+    if files.layout == "fod500":
         metres = depth * np.float32(millimeters_per_unit / 1000)
         write_maps(dict.fromkeys("RGB", metres), files.depth, said, half=True)
     else:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .._image import PICTURES, require_format
 from .._validation import require_choice, require_kind, require_whole
 from ..motion.toml import read_toml, table_of
 from ..motion.track import named, require_known
@@ -19,15 +20,13 @@ from .foci import Foci, Lens
 from .layouts import LAYOUTS
 
 TABLES = ("scenes", "sampling", "cameras", "lens", "apertures", "foci")
-SETTINGS = ("seed", "layout", "endings", "maps")
+FORM = ("bit_depth", "quality")
+SETTINGS = ("seed", "layout", "endings", "maps", *FORM)
 
 MAPS = ("depth", "circles", "normals", "sharp")
 """What there may be beside the pictures."""
 
 DEFAULT_MAPS = ("depth", "circles", "sharp")
-
-ENDINGS = (".exr", ".png", ".jpg")
-"""Endings of pictures of the layout ``plain``."""
 
 TURNS = ("pan", "tilt", "swing")
 """Angles by which a camera is turned, in degrees."""
@@ -132,7 +131,7 @@ class Recipe:
     ``sampling``                  ``spp`` and parameters of :class:`potmesil_mi.Sampling`
     ``cameras``, ``lens``,        how many there are, in ``count``, and a :class:`.draws.Draw` of
     ``apertures``, ``foci``       each parameter that chance chooses
-    ``layout``, ``endings``       of the files
+    ``layout``, ``endings``       of the files; ``form`` is how pictures are kept in them
     ``maps``                      what there is beside the pictures
     ============================  ==========================================================
     """
@@ -146,6 +145,7 @@ class Recipe:
     foci: Mapping[str, Any]
     layout: str
     endings: tuple[str, ...]
+    form: Mapping[str, Any]
     maps: frozenset[str]
 
     @classmethod
@@ -165,7 +165,9 @@ class Recipe:
         seed, layout = values.get("seed", 0), values.get("layout", LAYOUTS[0])
         require_whole("seed", seed, 0, MOST_SEED)
         require_choice("layout", layout, LAYOUTS)
-        endings = _texts("endings", values.get("endings", [".exr"]), ENDINGS)
+        endings = _texts("endings", values.get("endings", [".exr"]), PICTURES)
+        form: Any = {name: values[name] for name in FORM if name in values}
+        require_format([f"picture{ending}" for ending in endings], **form)
         recipe = cls(
             scenes=_scenes(values.get("scenes"), folder),
             seed=seed,
@@ -176,6 +178,7 @@ class Recipe:
             foci=_foci(table_of(values, "foci")),
             layout=layout,
             endings=endings,
+            form=form,
             maps=frozenset(_texts("maps", values.get("maps", list(DEFAULT_MAPS)), MAPS, least=0)),
         )
         for name in ("lens", "apertures"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 
 import potmesil_mi as pm
@@ -78,6 +79,19 @@ def test_a_scene_is_sampled_once_for_all_frames(tmp_path, pull, monkeypatch):
     lens = samples.lens.replace(focus_distance=2000, f_number=2.8)
     expected = np.array(pm.focus(samples, lens, rfilter=rfilter))
     np.testing.assert_allclose(found["f_03.exr"], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_each_frame_says_its_own_lens_and_is_kept_as_asked(tmp_path, pull, kept):
+    assert animate(tmp_path / "frames", kept, pull, "--bit-depth", "half") == 0
+    found = []
+    for path in sorted((tmp_path / "frames").iterdir()):
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header = dict(file.header())
+            assert file.channels()["R"].pixels.dtype == np.float16
+        found.append((header["potmesil:focus_distance"], header["potmesil:f_number"]))
+        assert '"scene": "figure11.xml"' in header["potmesil:provenance"]
+    assert found[0] == pytest.approx((290, 5.6))
+    assert found[3] == pytest.approx((2000, 2.8))
 
 
 def test_what_the_options_say_of_the_sampling_stays(tmp_path, pull, monkeypatch):

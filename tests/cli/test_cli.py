@@ -1,6 +1,7 @@
 import argparse
 import dataclasses
 import inspect
+import json
 import re
 import subprocess
 import sys
@@ -8,16 +9,17 @@ from typing import ClassVar
 
 import mitsuba as mi
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
 from potmesil_mi._image import write_picture
-from potmesil_mi.cli import options
+from potmesil_mi.cli import options, taking
 from potmesil_mi.focusing import api
 from potmesil_mi.focusing.methods import Method
 from potmesil_mi.tracing import hidden_surface
-from scenes import OTHERS, SCENES
+from scenes import OTHERS, SCENES, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -48,6 +50,58 @@ def test_render_writes_every_picture_and_the_samples(tmp_path, method):
         mi.Bitmap(expected).convert(srgb_gamma=True, component_format=mi.Struct.Type.UInt8)
     )
     assert np.abs(read(paths[0]).astype(int) - srgb).max() <= 1
+
+
+def header_of(path):
+    spec = oiio.ImageInput.open(str(path)).spec()
+    return {attribute.name: attribute.value for attribute in spec.extra_attribs}
+
+
+def test_pictures_and_samples_say_of_which_scene_and_by_what_they_are(tmp_path):
+    samples, rendered, again = (str(tmp_path / name) for name in ("a.samples", "a.exr", "b.png"))
+    command = ["render", FIGURE, *SMALL, "--seed", "5", "-o", rendered, "--samples", samples]
+    assert cli.main(command) == 0
+    provenance = pm.PointSamples.load(samples).provenance
+    assert provenance["scene"] == "figure11.xml"
+    assert provenance["seed"] == 5
+    assert provenance["define"] == "res=24 spp=4"
+    assert json.loads(header_of(rendered)["potmesil:provenance"]) == provenance
+    assert (
+        cli.main(["focus", samples, "--method", "paper", "--focus-distance", "290", "-o", again])
+        == 0
+    )
+    said = header_of(again)
+    assert json.loads(said["potmesil:provenance"]) == provenance
+    assert said["potmesil:method"] == "paper"
+    assert float(said["potmesil:focus_distance"]) == 290
+
+
+def test_of_files_in_definitions_the_names_alone_are_told(tmp_path):
+    given = [("mesh", f"{tmp_path}/my mesh.ply"), ("color", "1/0.5/0.2")]
+    source = taking.source_of(argparse.Namespace(scene=f"{tmp_path}/a.xml", define=given))
+    assert source == {"scene": "a.xml", "define": "'mesh=my mesh.ply' color=1/0.5/0.2"}
+
+
+def test_pictures_have_the_bits_and_the_quality_that_are_asked_for(tmp_path, capsys):
+    samples = tmp_path / "a.samples"
+    synthetic(500).save(samples)
+    for name, form, kind in (
+        ("a.png", ["--bit-depth", "16"], "uint16"),
+        ("a.tif", [], "uint16"),
+        ("a.tif", ["--bit-depth", "float"], "float"),
+        ("a.exr", ["--bit-depth", "half"], "half"),
+        ("a.jpg", ["--quality", "30"], "uint8"),
+    ):
+        assert cli.main(["focus", str(samples), "-o", str(tmp_path / name), *form]) == 0
+        assert str(oiio.ImageInput.open(str(tmp_path / name)).spec().format) == kind
+    for form, problem in (
+        (["--bit-depth", "float"], "bit_depth='float': must be one of 8, 16"),
+        (["--quality", "30"], "quality=30: must be left out"),
+    ):
+        capsys.readouterr()
+        assert cli.main(["focus", str(samples), "-o", str(tmp_path / "b.png"), *form]) == 1
+        assert problem in capsys.readouterr().err
+    assert not (tmp_path / "b.png").exists()
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.jpg"])
@@ -248,7 +302,7 @@ def test_dof_prints_any_lens_in_scene_units(capsys):
     ("arguments", "text"),
     [
         (["render", "nothing.xml", "-o", "{}/a.png"], "nothing.xml"),
-        (["render", FIGURE, "-o", "{}/a.tiff"], r"a\.tiff.*\.exr, \.png"),
+        (["render", FIGURE, "-o", "{}/a.gif"], r"a\.gif.*\.exr, \.png"),
         (["render", FIGURE, "-o", "/dev/null/a.png"], "is in a file, not a folder"),
         (["focus", "/dev/null", "-o", "{}/a.png"], "/dev/null: is not a file that can be read"),
         (["render", FIGURE, *SMALL, "-o", "{}/a.png", "--f-number", "1e-320"], "f_number"),

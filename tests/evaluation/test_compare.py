@@ -6,9 +6,11 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import cli
+from potmesil_mi._version import package_version
 from potmesil_mi.evaluation import compare, metrics
 from potmesil_mi.evaluation.report import PICTURES, output_paths
 from potmesil_mi.evaluation.thinlens import SAMPLERS
+from potmesil_mi.pictures.reading import PictureFile
 from scenes import SCENES, papers_scene
 
 FIGURE = str(SCENES / "figure11.xml")
@@ -152,6 +154,12 @@ def test_the_command_writes_the_pictures_and_prints_a_table(tmp_path, capsys):
     pictures = {name: np.array(mi.Bitmap(str(tmp_path / f"{name}.exr"))) for name in PICTURES}
     assert all(picture.shape == (32, 32, 3) for picture in pictures.values())
     assert all(picture.dtype == np.float32 for picture in pictures.values())
+    said = {name: PictureFile(tmp_path / f"{name}.exr").parts[0].attributes for name in PICTURES}
+    assert said["focused"]["potmesil:method"].startswith("paper")
+    assert said["focused"]["potmesil:spp"] == 4
+    assert said["reference"]["potmesil:method"] == "thinlens"
+    assert said["reference"]["potmesil:spp"] <= 128
+    assert {of["Software"] for of in said.values()} == {f"potmesil_mi {package_version()}"}
     psnr = metrics.psnr(pictures["focused"], pictures["reference"])
     assert re.search(rf"focus, .*{psnr:.2f}", text)
     apart = np.abs(

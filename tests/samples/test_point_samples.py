@@ -5,7 +5,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.optics.disc import lens_points
-from potmesil_mi.samples import point_samples
+from potmesil_mi.samples import counting
 from potmesil_mi.samples.columns import COLUMNS, Columns, points_that_see
 from potmesil_mi.samples.raster import Window
 from scenes import overscanned, papers_scene, pinhole_mean, synthetic
@@ -431,7 +431,7 @@ def test_a_crop_without_samples_is_refused():
 
 @pytest.mark.parametrize("enough", [100, 10**6])
 def test_shares_of_a_ray_are_one_of_the_samples_a_pixel(monkeypatch, enough):
-    monkeypatch.setattr(point_samples, "ENOUGH_TO_COUNT", enough)
+    monkeypatch.setattr(counting, "ENOUGH_TO_COUNT", enough)
     samples = synthetic(20 * 14 * 5)
     pixel = np.repeat(np.arange(20 * 14), 5)
     rng = np.random.default_rng(0)
