@@ -78,8 +78,9 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
-        help="pictures to write, such as out/{:04d}.exr (or .png, .jpg, .tif), with their number in the "
-        "braces; may be given several times. With --layout fod500 how names begin: fod/000012",
+        help="pictures to write, such as out/{:04d}.exr (or .png, .jpg, .tif), with their number "
+        "in the braces; may be given several times. With --layout fod500 how names begin, such as "
+        "fod/000012",
     )  # fmt: skip
     group = command.add_argument_group("lenses of the stack")
     for name, metavar, text in (

@@ -165,6 +165,9 @@ class Recipe:
         seed, layout = values.get("seed", 0), values.get("layout", LAYOUTS[0])
         require_whole("seed", seed, 0, MOST_SEED)
         require_choice("layout", layout, LAYOUTS)
+        for name in ("endings", *FORM):
+            if name in values and layout != LAYOUTS[0]:
+                raise ValueError(f"{name}={values[name]!r}: must be left out for layout={layout!r}")
         endings = _texts("endings", values.get("endings", [".exr"]), PICTURES)
         form: Any = {name: values[name] for name in FORM if name in values}
         require_format([f"picture{ending}" for ending in endings], **form)
