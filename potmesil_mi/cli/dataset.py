@@ -8,8 +8,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .options import (
     LENS_OPTIONS,
     SAMPLING_OPTIONS,
@@ -240,6 +238,8 @@ def _name_of(view: View, stack: StackDraw) -> str:
 
 def _motion(view: View, camera: Camera) -> Motion | None:
     """What puts the camera where a view has it; ``None`` where the sensor has it."""
+    import numpy as np
+
     from ..motion.camera_move import ANGLES, CameraMove
     from ..motion.motion import Motion
     from ..motion.track import Track, VectorTrack

@@ -94,7 +94,7 @@ def samples_told(samples: PointSamples) -> dict[str, Any]:
     """How many samples a stack is formed of, and how they were made."""
     return {
         "count": len(samples),
-        "per_pixel": samples.spp,
+        "spp": samples.spp,
         "provenance": dict(samples.provenance),
     }
 
