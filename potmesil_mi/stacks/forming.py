@@ -108,11 +108,13 @@ class Forming:
         """Write an item's picture, and what is told of it last: then it is done."""
         said = attributes_of_formed(self.samples, self.session.method, item.lens)
         _, circles, described = plan.files_of(item)
+        described.unlink(missing_ok=True)  # It may tell of the picture that was here before.
         write_formed(picture, item.index, plan.files, said)
         if circles is not None:
             diameters = circles_of(self.depth, item.lens, self.samples.camera)
             write_maps({CHANNELS["coc"]: diameters}, circles, said)
-        write_json(described, self.told_of(plan, item))
+        about = self.about("potmesil picture", plan)
+        write_json(described, {**about, **self.told_of(plan, item)})
 
     def told_of(self, plan: StackPlan, item: StackItem) -> dict[str, Any]:
         """What is told of a picture."""
@@ -120,15 +122,20 @@ class Forming:
         told = {
             **lens_told(self._in_units(item.lens), self.samples.camera, self.ends),
             **plan.told_of(item),
-            "pictures": [plan.files.told(path) for path in pictures],
+            "files": [plan.files.told(path) for path in pictures],
             "described": plan.files.told(described),
         }
         return told if circles is None else {**told, "circles": plan.files.told(circles)}
 
     def told(self, plan: StackPlan) -> dict[str, Any]:
         """What is told of the stack."""
+        pictures = [self.told_of(plan, item) for item in plan.items]
+        return {**self.about("potmesil stack", plan), "pictures": pictures}
+
+    def about(self, form: str, plan: StackPlan) -> dict[str, Any]:
+        """What is told of the stack as well as of each of its pictures."""
         return {
-            "format": "potmesil stack",
+            "format": form,
             "format_version": 1,
             "potmesil_mi": package_version(),
             "samples": samples_told(self.samples),
@@ -141,7 +148,6 @@ class Forming:
             "maps": {name: plan.files.told(path) for name, path in plan.map_paths().items()},
             **plan.how,
             **plan.extra,
-            "pictures": [self.told_of(plan, item) for item in plan.items],
         }
 
     def _do_maps(self, plan: StackPlan, behind: Behind) -> None:

@@ -1,7 +1,8 @@
 """The plan of a stack: which pictures there are to be, through what lens and in which files.
 
-A plan is data, and :func:`do_item` in :mod:`.forming` does one item of it with a session: an item
-may as well be done in another process, or on another machine, that has the samples.
+A plan is data, which goes through JSON. :class:`.forming.Forming` does one item after the other;
+``form`` and ``write`` of it do one, which may as well be in another process, or on another machine,
+that has the samples.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class StackPlan:
     @classmethod
     def of(cls, lenses: Iterable[Lens], files: StackFiles, **fields: Any) -> StackPlan:
         """The plan of pictures through ``lenses``, in order."""
-        items = [StackItem(index, lens) for index, lens in enumerate(lenses)]
+        items = [StackItem(index, lens.plain()) for index, lens in enumerate(lenses)]
         return cls(items, files, **fields)
 
     def to_dict(self) -> dict[str, Any]:
@@ -125,12 +126,8 @@ class StackPlan:
         paths = self.paths(item)
         if not all(path.is_file() for path in paths):
             return False
-        try:
-            there = json.loads(paths[-1].read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return False
-        asked = self.told_of(item)
-        return isinstance(there, dict) and {name: there.get(name) for name in asked} == asked
+        there, asked = read_json(paths[-1]), self.told_of(item)
+        return {name: there.get(name) for name in asked} == asked
 
     def to_do(self, chosen: Iterable[int], overwrite: bool = False) -> list[StackItem]:
         """Those of the ``chosen`` items, by their numbers, that are not done."""
@@ -147,7 +144,8 @@ class StackPlan:
     def check(self, sources: Iterable[str]) -> None:
         """Find out before the first picture that one cannot be written, or would replace a source.
 
-        Raises what :func:`potmesil_mi._files.require_writable` does, and ``ValueError``.
+        Another stack must not be in the folder, whose ``stack`` would be lost. Raises what
+        :func:`potmesil_mi._files.require_writable` does, and ``ValueError``.
         """
         self.files.frames().check((item.index for item in self.items), sources)
         kept = {Path(source).resolve(): source for source in sources}
@@ -159,3 +157,20 @@ class StackPlan:
                 )
         for path in (*self.map_paths().values(), Path(self.files.stack)):
             require_writable(path, (path.suffix,))
+        first = self.files.told(self.paths(self.items[0])[0])
+        others = read_json(Path(self.files.stack)).get("pictures") or [{}]
+        files = others[0].get("files", [first]) if isinstance(others[0], dict) else [first]
+        if first not in files:
+            raise ValueError(
+                f"{self.files.stack}: is of other pictures, such as {files[0]}; write these to "
+                "another folder"
+            )
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a file of JSON; without anything in it where there is none."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return values if isinstance(values, dict) else {}

@@ -71,7 +71,9 @@ def test_what_is_told_of_a_picture_is_that_of_its_lens_and_camera(tmp_path, form
     forming.do(plan, plan.items)
     told = json.loads((tmp_path / "stack.json").read_text())
     first, last = told["pictures"]
-    assert json.loads((tmp_path / "01.json").read_text()) == last
+    alone = json.loads((tmp_path / "01.json").read_text())
+    about = {name: value for name, value in told.items() if name != "pictures"}
+    assert alone == {**about, **last, "format": "potmesil picture"}
     assert (last["focus_distance"], last["focus_distance_m"]) == ("inf", "inf")
     assert told["samples"]["provenance"] == {"seed": 3, "spp": 4}
     assert told["source"] == "some.samples"
@@ -108,6 +110,29 @@ def test_what_cannot_be_written_is_raised_or_told_and_the_rest_is_made(
     assert plan.to_do(range(3)) == [plan.items[1]]
     with pytest.raises(OSError, match="no room"):
         forming.do(plan, plan.items)
+
+
+def test_a_picture_whose_writing_was_stopped_is_not_done(tmp_path, forming, samples, monkeypatch):
+    """Not even where what is told of the one before it would be right of it."""
+    plan, other = (plan_in(tmp_path, samples.lens, (distance,)) for distance in (1.5, 3.0))
+    forming.do(plan, plan.items)
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("potmesil_mi.stacks.forming.write_json", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        forming.write(other, other.items[0], np.zeros((24, 32, 3)))
+    assert plan.to_do([0]) == plan.items
+
+
+def test_two_stacks_are_not_in_one_folder(tmp_path, forming, samples):
+    plan = plan_in(tmp_path, samples.lens)
+    forming.do(plan, plan.items[:1])
+    plan.check([])
+    files = plain_files([str(tmp_path / "other_{}.exr")])
+    with pytest.raises(ValueError, match=r"stack.json: is of other pictures, such as 00.png"):
+        StackPlan.of([samples.lens], files, how=HOW).check([])
 
 
 def test_no_file_of_a_stack_takes_the_place_of_a_source(tmp_path, samples):
