@@ -66,7 +66,7 @@ MAPS = {
         "diameter of the circle of confusion of each pixel, a map a picture",
     ),
     "normals": ("normals", "shading normal in the world of each pixel, once for all pictures"),
-    "pinhole": ("sharp", "the picture of a pinhole, all in focus, once"),
+    "pinhole": ("pinhole", "the picture of a pinhole, all in focus, once"),
 }
 """Options of the maps: what they are called in a plan, and their help."""
 

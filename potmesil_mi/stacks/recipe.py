@@ -23,10 +23,10 @@ TABLES = ("scenes", "sampling", "cameras", "lens", "apertures", "foci")
 FORM = ("bit_depth", "quality")
 SETTINGS = ("seed", "layout", "endings", "maps", *FORM)
 
-MAPS = ("depth", "circles", "normals", "sharp")
+MAPS = ("depth", "circles", "normals", "pinhole")
 """What there may be beside the pictures."""
 
-DEFAULT_MAPS = ("depth", "circles", "sharp")
+DEFAULT_MAPS = ("depth", "circles", "pinhole")
 
 TURNS = ("pan", "tilt", "swing")
 """Angles by which a camera is turned, in degrees."""
