@@ -32,6 +32,7 @@ from .samples.maps import aov_maps, circle_map
 from .samples.motion_vectors import motion_vectors
 from .samples.point_samples import PointSamples
 from .samples.raster import Window
+from .stacks.focal_stack import FocalStack, focal_stack
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
@@ -49,6 +50,7 @@ __all__ = [
     "Equation20",
     "Fade",
     "Filter",
+    "FocalStack",
     "FocusSession",
     "FocusWarning",
     "ImageAperture",
@@ -75,6 +77,7 @@ __all__ = [
     "apply_filters",
     "circle_map",
     "evaluation",
+    "focal_stack",
     "focus",
     "focus_aovs",
     "focus_distance_at",

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from . import _llvm
+from ._threads import HostThread
 
 T = TypeVar("T")
 
@@ -93,7 +94,9 @@ def evaluates_alone() -> bool:
 
 
 def _is_idle(thread: threading.Thread) -> bool:
-    """Whether a thread is of a library whose threads evaluate nothing."""
+    """Whether a thread is one that evaluates nothing, our own or that of a library."""
+    if isinstance(thread, HostThread):
+        return True
     runs = getattr(thread, "_target", None)
     modules = type(thread).__module__, getattr(runs, "__module__", None) or ""
     return USERS_THREADS not in modules and any(

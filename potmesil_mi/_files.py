@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import json
+import math
 import os
 import re
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ._validation import shown
 
@@ -111,6 +114,27 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise kind(text if str(path) in text else f"{path}: {text}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as JSON that every program reads; what is infinite becomes ``"inf"``.
+
+    Raises ``OSError`` where it cannot be written; then nothing is left behind.
+    """
+    text = json.dumps(in_json(value), indent=1, allow_nan=False)
+    with written_whole(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def in_json(value: Any) -> Any:
+    """A value of mappings, sequences, numbers and text as :func:`write_json` writes it."""
+    if isinstance(value, Mapping):
+        return {str(name): in_json(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [in_json(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
 
 
 def _target(path: Path) -> Path:

@@ -195,6 +195,25 @@ def write_picture(
         _write(values, spec, temporary)
 
 
+def write_maps(
+    maps: Mapping[str, np.ndarray],
+    path: str | os.PathLike[str],
+    said: Mapping[str, Any] | None = None,
+    *,
+    half: bool = False,
+) -> None:
+    """Write ``maps`` alone, (H, W) each, as the channels of an EXR, in float32 or ``half``.
+
+    ``said`` and what is raised are those of :func:`write_picture`.
+    """
+    path = require_writable(path, (".exr",))
+    values = np.stack([np.asarray(plane, np.float32) for plane in maps.values()], axis=2)
+    spec = _spec_of(values, ".exr", "half" if half else "float", said or {})
+    spec.channelnames = tuple(maps)
+    with written_whole(path) as temporary:
+        _write(values, spec, temporary)
+
+
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     """The sRGB encoding of linear values from 0 to 1 (IEC 61966-2-1)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

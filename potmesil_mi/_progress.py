@@ -87,6 +87,25 @@ def track(steps: Iterable[T], description: str, total: float | None = None) -> I
 
 
 @contextlib.contextmanager
+def step_progress(
+    report: ProgressCallback, text: str, done: int, count: int, within: bool = True
+) -> Iterator[None]:
+    """Tell ``report`` how far a job of ``count`` steps is, one of which the block is.
+
+    ``text`` says which, and ``done`` steps are done. What is done ``within`` the step counts, if
+    its jobs are one.
+    """
+
+    def tell(_: str, share: float | None) -> None:
+        report(text, (done + (share or 0) * within) / count)
+
+    tell("", 0)
+    with progress(tell):
+        yield
+    report(text, (done + 1) / count)
+
+
+@contextlib.contextmanager
 def _bar() -> Iterator[ProgressCallback]:
     """A bar on standard error, which is gone at the end."""
     from rich.console import Console

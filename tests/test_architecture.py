@@ -24,12 +24,22 @@ FLOORS = {
     "animation": 6,
     "evaluation": 6,
     "plugins": 7,
+    "stacks": 7,
     "cli": 8,
     "front": 9,
 }
 """Wings and the floor that each stands on: imports go to the same wing or to a lower floor."""
 
-WITHOUT_MITSUBA = ("optics", "pictures", "samples", "filters", "focusing", "motion", "animation")
+WITHOUT_MITSUBA = (
+    "optics",
+    "pictures",
+    "samples",
+    "filters",
+    "focusing",
+    "motion",
+    "animation",
+    "stacks",
+)
 
 LONGEST_FILE = 450
 LONGEST_FUNCTION = 60

@@ -600,6 +600,38 @@ ROWS: dict[str, Callable[[Things], Row]] = {
             "alpha": False,
         },
     ),
+    "focal_stack": lambda it: Row(
+        pm.focal_stack,
+        {
+            "samples": SAMPLES,
+            "distances": [2.0, 3.0],
+            "near": None,
+            "far": None,
+            "count": None,
+            "f_numbers": [2.0],
+            "lenses": None,
+            "method": "paper",
+            "rfilter": None,
+            "alpha": False,
+            "filters": [],
+        },
+    ),
+    "focal_stack at equal steps": lambda it: Row(
+        pm.focal_stack,
+        {
+            "samples": it.session,
+            "distances": None,
+            "near": 2.0,
+            "far": 3.0,
+            "count": 2,
+            "f_numbers": None,
+            "lenses": None,
+            "method": None,
+            "rfilter": None,
+            "alpha": False,
+            "filters": [],
+        },
+    ),
     "evaluation.thinlens_sensor": lambda it: Row(
         pm.evaluation.thinlens_sensor,
         {"sensor": it.perspective, "lens": THIN, "sampler": "independent", "spp": 4},
@@ -813,6 +845,7 @@ NO_ROWS = {
     "evaluation.Comparison": "is a result",
     "evaluation.Rendering": "is a result",
     "evaluation.EqualError": "is a result",
+    "FocalStack": "is a result",
     "PointSamples.joined": "joins columns of the package's own",
 }
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
-from .._progress import ProgressCallback, progress, reported
+from .._progress import reported, step_progress
 from .._validation import require_kind, require_number, require_whole, shown
 from ..filters.base import Filter, FilterFunction, as_filters
 from ..focusing.session import FocusSession
@@ -276,7 +276,7 @@ class Animation(Moves):
     ) -> Iterator[tuple[int, jit.TensorXf]]:
         with reported() as report:
             for done, (frame, lens) in enumerate(zip(frames, lenses, strict=True)):
-                with frame_progress(report, frame, done, len(frames)):
+                with step_progress(report, f"Frame {frame}", done, len(frames)):
                     picture = session.focus(
                         lens,
                         filters=(*filters, *self.filters_at(frame)),
@@ -284,25 +284,6 @@ class Animation(Moves):
                         alpha=alpha,
                     )
                 yield frame, picture
-
-
-@contextlib.contextmanager
-def frame_progress(
-    report: ProgressCallback, frame: int, done: int, count: int, within: bool = True
-) -> Iterator[None]:
-    """Tell ``report`` how far a job is that makes a ``frame`` within the block.
-
-    ``done`` of ``count`` frames are there. What is done ``within`` the frame counts, if its jobs
-    are one.
-    """
-
-    def tell(text: str, share: float | None) -> None:
-        report(f"Frame {frame}", (done + (share or 0) * within) / count)
-
-    tell("", 0)
-    with progress(tell):
-        yield
-    report(f"Frame {frame}", (done + 1) / count)
 
 
 def _frames(value: Any) -> range:

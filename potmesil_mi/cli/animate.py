@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .given import given_form, given_method
 from .options import (
-    SAMPLING_OPTIONS,
     add_denoise,
     add_form,
     add_lens,
@@ -23,14 +20,19 @@ from .options import (
     add_variant,
 )
 from .report import Report
-from .taking import SCENE, Opened, samples_of_file, set_variant
+from .taking import (
+    SCENE,
+    Opened,
+    require_no_scene_options,
+    samples_of_file,
+    sampling_for,
+    set_variant,
+    tell_done,
+)
 
 if TYPE_CHECKING:
     from ..animation.animation import Animation
     from ..animation.frames import FrameFiles
-    from ..optics.lens import ThinLens
-    from ..optics.telecentric import TelecentricLens
-    from ..tracing.sampling import Sampling
 
 ANIMATE_EXAMPLES = """
 examples:
@@ -51,10 +53,6 @@ pull.toml, for example:
 
 Samples are taken once. Frames that are there already stay, so that what was interrupted goes on.
 """
-
-
-SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
-"""Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
 
 
 def animate_options(command: argparse.ArgumentParser) -> str:
@@ -106,14 +104,8 @@ def animate(options: argparse.Namespace) -> None:
     sources = [options.scene, *([options.samples] if options.samples else [])]
     files.check(chosen, sources)
     if done:
-        report.line(f"{len(done)} of {len(chosen)} frames are there already and stay")
-        old = files.older_than(done, (options.scene, options.animation))
-        if old:
-            warnings.warn(
-                f"{len(old)} files of frames, such as {old[0]}, are older than {options.scene} or "
-                f"{options.animation}: --overwrite makes them anew",
-                stacklevel=1,
-            )
+        of = options.scene, options.animation
+        tell_done(report, "frames", len(done), len(chosen), files.older_than(done, of), of)
     if options.samples:
         require_writable(options.samples, ENDINGS)
         if not frames:
@@ -164,7 +156,7 @@ def _of_scene(
     lens = opened.sensor.lens()
     if animation.shutter is not None:
         warnings.warn("shutter: has no effect, for neither camera nor shapes move", stacklevel=1)
-    sampling = _sampling_for(lens, animation.lenses(lens), opened.sampling)
+    sampling = sampling_for(lens, animation.lenses(lens), opened.sampling)
     session = FocusSession(opened.sampled(options, sampling), opened.method)
     filters = () if animation.filters else opened.filters
     pictures = animation.pictures(
@@ -191,8 +183,7 @@ def _of_moving_scene(
     options: argparse.Namespace, animation: Animation, frames: list[int], files: FrameFiles
 ) -> None:
     """The frames of a scene that has samples of its own for each: their seeds differ, too."""
-    from .._progress import reported
-    from ..animation.animation import frame_progress
+    from .._progress import reported, step_progress
     from ..focusing.api import focus
     from ..samples.formed import attributes_of_formed
     from ..tracing.exposing import require_motions
@@ -210,8 +201,8 @@ def _of_moving_scene(
     require_motions(opened.scene, opened.sensor, motions)
     with reported() as report:
         for done, frame in enumerate(frames):
-            sampling = _sampling_for(lens, [lenses[done]], opened.sampling)
-            with frame_progress(report, frame, done, len(frames), within=False):
+            sampling = sampling_for(lens, [lenses[done]], opened.sampling)
+            with step_progress(report, f"Frame {frame}", done, len(frames), within=False):
                 samples = opened.sampled(options, sampling, options.seed + frame, motions[done])
                 picture = focus(
                     samples,
@@ -232,13 +223,7 @@ def _of_file(
     from ..focusing.session import FocusSession
     from ..samples.formed import attributes_of_formed
 
-    of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
-    of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
-    for name, value in of_scene.items():
-        if value is not None:
-            raise ValueError(
-                f"{name}={value}: is for a scene, and {options.scene} has its samples already"
-            )
+    require_no_scene_options(options)
     if animation.moves:
         raise ValueError(
             f"{animation.moves}: moves, which asks for a scene, and {options.scene} has its "
@@ -254,29 +239,3 @@ def _of_file(
     for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
         said = attributes_of_formed(samples, method, animation.lens_at(lens, frame))
         files.write(frame, picture, said)
-
-
-def _sampling_for(
-    lens: ThinLens | TelecentricLens,
-    lenses: Iterable[ThinLens | TelecentricLens],
-    sampling: Sampling,
-) -> Sampling:
-    """What to sample by a ``lens`` so that all ``lenses`` are served.
-
-    What ``sampling`` says of it stays.
-    """
-    from ..optics.lens import ThinLens
-
-    thin = [one for one in lenses if isinstance(one, ThinLens)]
-    if not thin or not isinstance(lens, ThinLens):
-        return sampling
-    changes: dict[str, Any] = {}
-    if sampling.min_f_number is None:
-        # The diameter is what counts, whatever focal length it is told by.
-        widest = max(float(one.lens_diameter) for one in thin)
-        if widest > float(lens.lens_diameter):
-            changes["min_f_number"] = float(lens.focal_length) / widest
-    if sampling.focus_range is None:
-        distances = [float(one.focus_distance) for one in thin]
-        changes["focus_range"] = (min(distances), max(distances))
-    return dataclasses.replace(sampling, **changes)

@@ -189,15 +189,18 @@ def add_maps(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_picture(command: argparse.ArgumentParser) -> None:
-    """Add an option for each parameter of ``PointSamples.from_image`` but the lens."""
+def add_picture(command: argparse.ArgumentParser, names: Mapping[str, str] = OPTION_NAMES) -> None:
+    """Add an option for each parameter of ``PointSamples.from_image`` but the lens.
+
+    ``names`` are those of options that are not called what their parameters are.
+    """
     from ..samples.point_samples import PointSamples
 
     group = command.add_argument_group(
         "picture of another program", "what it says of itself needs no option"
     )
     types = get_type_hints(PointSamples.from_image)
-    _add_parameters(group, types, PICTURE_OPTIONS)
+    _add_parameters(group, types, PICTURE_OPTIONS, names)
 
 
 def add_motion(command: argparse.ArgumentParser) -> None:
@@ -279,11 +282,14 @@ def _types_of(owner: type) -> dict[str, Any]:
 
 
 def _add_parameters(
-    group: argparse._ArgumentGroup, types: Mapping[str, Any], texts: Mapping[str, str]
+    group: argparse._ArgumentGroup,
+    types: Mapping[str, Any],
+    texts: Mapping[str, str],
+    names: Mapping[str, str] = OPTION_NAMES,
 ) -> None:
     """Add an option for each parameter in ``texts``, which have their help; ``None`` by default."""
     for name, text in texts.items():
-        option = OPTION_NAMES.get(name, "--" + name.replace("_", "-"))
+        option = names.get(name, "--" + name.replace("_", "-"))
         metavar = METAVARS.get(name)
         parsing = _parsing(name, types[name])
         group.add_argument(option, help=text, metavar=metavar, dest=name, **parsing)

@@ -27,9 +27,11 @@ from .commands import (
     render,
     render_options,
 )
+from .dataset import dataset, dataset_options
 from .info import info, info_options
 from .options import add_talk
 from .parser import CommandParser, nearest
+from .stack import stack, stack_options
 
 SAMPLING = {
     "Exposing": 0.05,
@@ -96,6 +98,8 @@ COMMANDS = {
     ),
     "focus": _Command("form a picture from point samples", focus_options, refocus, FOCUSING),
     "animate": _Command("form the frames of an animation", animate_options, animate),
+    "stack": _Command("form pictures at many distances or apertures", stack_options, stack),
+    "dataset": _Command("form the stacks of a data set", dataset_options, dataset),
     "info": _Command(
         "tell what a scene, samples or a picture have, and what a lens makes sharp",
         info_options,

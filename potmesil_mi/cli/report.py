@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._files import in_json
 from .._memory import peak_memory
 from .._units import length_text
 
@@ -66,7 +67,7 @@ class Report:
 
     def values(self, values: Mapping[str, Any]) -> None:
         """Print an object as JSON, in which what is infinite is a text."""
-        print(json.dumps(_in_json(values), indent=2, ensure_ascii=False))
+        print(json.dumps(in_json(values), indent=2, ensure_ascii=False))
 
 
 def console() -> Console:
@@ -113,14 +114,3 @@ def sentence(about: Mapping[str, Any]) -> str:
         f"{length(about['sharp_from'])} to {length(about['sharp_to'])}, circles up to "
         f"{circle:.{1 if circle < 10 else 0}f} pixels"
     )
-
-
-def _in_json(value: Any) -> Any:
-    """A value as JSON has it, which has no infinity."""
-    if isinstance(value, Mapping):
-        return {name: _in_json(one) for name, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_in_json(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value

@@ -7,9 +7,9 @@ import dataclasses
 import math
 import shlex
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from .._warnings import FocusWarning
 from .given import (
@@ -23,15 +23,17 @@ from .given import (
     unit_of,
     with_chosen_focus,
 )
-from .options import VARIANTS
+from .options import SAMPLING_OPTIONS, VARIANTS
+from .report import Report
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
-    from ..animation.animation import Animation
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..motion.motion import Motion
+    from ..optics.lens import ThinLens
+    from ..optics.telecentric import TelecentricLens
     from ..samples.maps import MapName
     from ..samples.point_samples import PointSamples
     from ..tracing.sampling import Sampling
@@ -132,6 +134,20 @@ def set_variant(names: str | None) -> None:
     import mitsuba as mi
 
     mi.set_variant(*(VARIANTS if names is None else names.split(",")))
+
+
+SCENE_OPTIONS = ("define", "sensor", "spp", "seed", "samples")
+"""Options that say what is sampled, with ``SAMPLING_OPTIONS``; they are false where not given."""
+
+
+class Lenses(Protocol):
+    """Several lenses of the same samples, as an animation and a stack have them."""
+
+    def first_lens(self) -> dict[str, Any]:
+        """The parameters that the first of them has in place of those of the lens at hand."""
+
+    def lenses(self, lens: ThinLens | TelecentricLens) -> Sequence[ThinLens | TelecentricLens]:
+        """What becomes of the ``lens`` at hand."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -248,11 +264,11 @@ def source_of(options: argparse.Namespace) -> dict[str, str]:
 
 
 def samples_of_file(
-    path: str, options: argparse.Namespace, animation: Animation | None = None
+    path: str, options: argparse.Namespace, several: Lenses | None = None
 ) -> PointSamples:
     """The samples in a file, or of a picture in it, with the lens of the options.
 
-    They serve all lenses of an ``animation``.
+    They serve all lenses of ``several``.
     """
     from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
@@ -265,17 +281,70 @@ def samples_of_file(
         lens = given_lens(options, getattr(samples.lens, "millimeters_per_unit", None))
         return with_chosen_focus(options, samples.replace(lens=samples.lens.replace(**lens)))
     picture, lens = given_picture(options), given_lens(options)
-    if animation is not None:
-        lens = {**animation.first_lens(), **lens}
+    if several is not None:
+        lens = {**several.first_lens(), **lens}
     if chooses_focus(options):
         lens["focus_distance"] = math.inf
     samples = with_chosen_focus(options, PointSamples.from_image(path, lens=lens, **picture))
-    if animation is None:
+    if several is None:
         return samples
     own: Any = samples.lens
-    lenses: list[Any] = animation.lenses(own)
+    lenses: Sequence[Any] = several.lenses(own)
     widest = max(lenses, key=lambda of: float(of.lens_diameter))
     if widest.lens_diameter > own.lens_diameter:
         picture["camera"] = samples.camera
         samples = PointSamples.from_image(path, lens=widest, **picture).replace(lens=own)
     return samples
+
+
+def sampling_for(
+    lens: ThinLens | TelecentricLens,
+    lenses: Iterable[ThinLens | TelecentricLens],
+    sampling: Sampling,
+) -> Sampling:
+    """What to sample by a ``lens`` so that all ``lenses`` are served.
+
+    What ``sampling`` says of it stays.
+    """
+    from ..optics.lens import ThinLens
+
+    thin = [one for one in lenses if isinstance(one, ThinLens)]
+    if not thin or not isinstance(lens, ThinLens):
+        return sampling
+    changes: dict[str, Any] = {}
+    if sampling.min_f_number is None:
+        # The diameter is what counts, whatever focal length it is told by.
+        widest = max(float(one.lens_diameter) for one in thin)
+        if widest > float(lens.lens_diameter):
+            changes["min_f_number"] = float(lens.focal_length) / widest
+    if sampling.focus_range is None:
+        distances = [float(one.focus_distance) for one in thin]
+        changes["focus_range"] = (min(distances), max(distances))
+    return dataclasses.replace(sampling, **changes)
+
+
+def tell_done(
+    report: Report, what: str, done: int, count: int, old: Sequence[Path], sources: Sequence[str]
+) -> None:
+    """Tell that ``done`` of ``count`` things are there already, and warn of ``old`` files of them.
+
+    These are older than one of the ``sources`` that they are made of.
+    """
+    report.line(f"{done} of {count} {what} are there already and stay")
+    if old:
+        warnings.warn(
+            f"{len(old)} files of {what}, such as {old[0]}, are older than "
+            f"{' or '.join(sources)}: --overwrite makes them anew",
+            stacklevel=1,
+        )
+
+
+def require_no_scene_options(options: argparse.Namespace) -> None:
+    """Raise ``ValueError`` for an option that says what is sampled, where samples are given."""
+    of_scene = {name: getattr(options, name) or None for name in SCENE_OPTIONS}
+    of_scene.update((name, getattr(options, name)) for name in SAMPLING_OPTIONS)
+    for name, value in of_scene.items():
+        if value is not None:
+            raise ValueError(
+                f"{name}={value}: is for a scene, and {options.scene} has its samples already"
+            )

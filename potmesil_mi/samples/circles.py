@@ -57,10 +57,14 @@ class DepthRange:
             return cls(None, None, not every)
         return cls(float(z.min()), float(z.max()), not every)
 
-    def ends(self) -> list[float]:
-        """The nearest and the farthest depth, ``inf`` for the sky."""
+    def ends(self, camera: Camera) -> list[float]:
+        """The nearest and the farthest depth, ``inf`` for the sky.
+
+        To an orthographic camera the sky is just behind the farthest surface.
+        """
         found = [depth for depth in (self.nearest, self.farthest) if depth is not None]
-        return [*found, math.inf] if self.has_sky else found
+        sky = self.has_sky and not (found and camera.projection == "orthographic")
+        return [*found, math.inf] if sky else found
 
 
 def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any) -> Any:
@@ -77,9 +81,7 @@ def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any
 
 def largest_circle(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> float:
     """The largest diameter in pixels of the circles of confusion of what the pinhole sees."""
-    ends = depths.ends()
-    if isinstance(lens, TelecentricLens):  # The sky is just behind the farthest surface.
-        ends = [end for end in ends if math.isfinite(end)]
+    ends = depths.ends(camera)
     return max((abs(float(circle_diameter(lens, camera, end))) for end in ends), default=0.0)
 
 

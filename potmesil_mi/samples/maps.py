@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from .choosing import require_samples
@@ -51,8 +52,22 @@ def circle_map(samples: PointSamples, lens: ThinLens | TelecentricLens | None = 
     require_samples(samples)
     lens = samples.lens if lens is None else lens
     require_fitting(samples.camera, lens)
-    depth = depth_map(samples).astype(np.float64)
-    return circle_diameter(lens, samples.camera, depth).astype(np.float32)
+    return circles_of(depth_map(samples), lens, samples.camera)
+
+
+def circles_of(depth: np.ndarray, lens: ThinLens | TelecentricLens, camera: Camera) -> np.ndarray:
+    """The diameters of the circles of confusion at depths, as :func:`circle_map` has them."""
+    found: np.ndarray = circle_diameter(lens, camera, depth.astype(np.float64))
+    return found.astype(np.float32)
+
+
+def normal_map(samples: PointSamples) -> np.ndarray:
+    """The shading normal in the world of each pixel of the crop window, float32 (H, W, 3).
+
+    0 where nothing was hit or there is no sample. Raises ``ValueError`` for samples without
+    normals.
+    """
+    return np.stack([*maps_of(samples, ("normal",)).values()], axis=-1)
 
 
 def maps_of(

@@ -1,0 +1,272 @@
+"""``potmesil stack``: pictures of the same samples at many distances, apertures, or lenses."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from .given import given_form, given_method
+from .options import (
+    OPTION_NAMES,
+    add_denoise,
+    add_filter,
+    add_form,
+    add_lens,
+    add_method,
+    add_picture,
+    add_samples,
+    add_sampling,
+    add_scene,
+    add_variant,
+)
+from .report import Report
+from .taking import (
+    SCENE,
+    Opened,
+    require_no_scene_options,
+    samples_of_file,
+    sampling_for,
+    set_variant,
+    source_of,
+    tell_done,
+)
+
+if TYPE_CHECKING:
+    from ..filters.base import FilterFunction
+    from ..focusing.methods import Method
+    from ..stacks.foci import Foci, Lens
+    from ..stacks.layouts import StackFiles
+    from ..stacks.plan import StackItem, StackPlan
+
+STACK_EXAMPLES = """
+examples:
+  potmesil stack kitchen.samples --near 0.5 --far 10 --count 100 -o 'out/{:04d}.exr' --depth-map
+  potmesil stack kitchen.xml --distances 0.5 1 2 inf --f-numbers 1.4 2.8 5.6 -o 'out/{:04d}.png'
+  potmesil stack kitchen.samples --lenses lenses.csv -o 'out/{:04d}.exr' --circle-map --shard 3/64
+  potmesil stack kitchen.xml --distances 0.1 0.15 0.3 0.7 1.5 --layout fod500 -o fod/000000
+
+lenses.csv, for example; a field that is empty is the lens's own:
+
+  focus_distance,f_number,aperture
+  0.8,2.8,disc
+  inf,,polygon:blades=6
+
+Samples are taken once. stack.json tells of all pictures, and a .json beside each of it alone: lens,
+camera, circles of confusion, seeds. Pictures that are there already, of this very lens, stay.
+"""
+
+PLANES = {**OPTION_NAMES, "near": "--near-plane", "far": "--far-plane"}
+"""Names of options of a picture: --near and --far are the ends of the stack here."""
+
+MAPS = {
+    "depth_map": ("depth", "depth along the axis of each pixel, once for all pictures"),
+    "circle_map": (
+        "circles",
+        "diameter of the circle of confusion of each pixel, a map a picture",
+    ),
+    "normals": ("normals", "shading normal in the world of each pixel, once for all pictures"),
+    "pinhole": ("pinhole", "the picture of a pinhole, all in focus, once"),
+}
+"""Options of the maps: what they are called in a plan, and their help."""
+
+
+def stack_options(command: argparse.ArgumentParser) -> str:
+    """Add the options of ``potmesil stack``; returns the examples."""
+    from ..stacks.layouts import LAYOUTS
+
+    add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
+    command.add_argument(
+        "-o", "--output", metavar="PATTERN", action="append", required=True,
+        help="pictures to write, such as out/{:04d}.exr (or .png, .jpg, .tif), with their number "
+        "in the braces; may be given several times. With --layout fod500 how names begin, such as "
+        "fod/000012",
+    )  # fmt: skip
+    group = command.add_argument_group("lenses of the stack")
+    for name, metavar, text in (
+        ("distances", "U", "focused distances in scene units; inf is allowed"),
+        ("f-numbers", "N", "aperture numbers, with each of which all distances are focused on"),
+    ):
+        group.add_argument(f"--{name}", type=float, nargs="+", metavar=metavar, help=text)
+    text = "in place of --distances, of --count distances at equal steps of circles of confusion"
+    group.add_argument(
+        "--near", type=float, metavar="U", dest="nearest", help=f"the nearest {text}"
+    )
+    group.add_argument(
+        "--far", type=float, metavar="U", dest="farthest", help="the farthest; inf is allowed"
+    )
+    group.add_argument("--count", type=int, help="how many, 2 at least")
+    group.add_argument(
+        "--lenses", metavar="FILE", help="in place of all these a table of lenses, .csv or .toml"
+    )
+    for name, (_, text) in MAPS.items():
+        command.add_argument(f"--{name.replace('_', '-')}", action="store_true", help=text)
+    command.add_argument(
+        "--layout", choices=LAYOUTS, default=LAYOUTS[0],
+        help="names and forms of the files: plain (default), or fod500, that of DefocusNet's data",
+    )  # fmt: skip
+    command.add_argument(
+        "--shard", metavar="3/64", help="one of so many parts of the pictures, for several machines"
+    )
+    command.add_argument(
+        "--overwrite", action="store_true", help="make pictures anew that are there already"
+    )
+    add_form(command)
+    add_variant(command)
+    add_samples(command)
+    add_denoise(command, "what the scene's integrator says")
+    add_sampling(command)
+    add_lens(command)
+    add_method(command)
+    add_filter(command)
+    add_picture(command, PLANES)
+    return STACK_EXAMPLES
+
+
+def stack(options: argparse.Namespace) -> None:
+    """``potmesil stack``: samples once, then the pictures."""
+    from ..filters.base import as_filters
+    from ..stacks.foci import Foci, read_table
+
+    report = Report(options)
+    ends = options.nearest, options.farthest, options.count
+    table = None if options.lenses is None else read_table(options.lenses)
+    foci = Foci(options.distances, *ends, options.f_numbers, table)
+    files = _files(options, len(foci))
+    filters = as_filters(options.filter)
+    if options.scene.lower().endswith(SCENE):
+        made = _of_scene(options, foci, files, filters)
+    else:
+        made = _of_file(options, foci, files, filters)
+    report.files([*options.output, files.stack], f"{made} of {len(foci)} pictures were made")
+
+
+def _files(options: argparse.Namespace, count: int) -> StackFiles:
+    """The files of a stack of ``count`` pictures. Raises ``ValueError`` for bad names."""
+    from ..stacks.layouts import fod500_files, plain_files
+
+    form = given_form(options)
+    if options.layout == "plain":
+        return plain_files(options.output, form)
+    for name, value in form.items():
+        raise ValueError(f"{name}={value!r}: must be left out for the layout {options.layout}")
+    if len(options.output) > 1:
+        raise ValueError(
+            f"output={options.output[1]!r}: must be given once for the layout {options.layout}"
+        )
+    return fod500_files(options.output[0], count)
+
+
+def asked_maps(options: argparse.Namespace) -> frozenset[str]:
+    """What a plan is to have of the maps that the options ask for."""
+    return frozenset(of for name, (of, _) in MAPS.items() if getattr(options, name))
+
+
+def scene_told(options: argparse.Namespace) -> dict[str, Any]:
+    """What says of what scene, and how, samples are taken."""
+    told = source_of(options)
+    spp = {"spp": options.spp} if options.spp else {}
+    return {
+        "source": told.pop("scene"),
+        **told,
+        "sensor": options.sensor,
+        "seed": options.seed,
+        **spp,
+    }
+
+
+def how_formed(
+    options: argparse.Namespace, method: Method, filters: tuple[FilterFunction, ...]
+) -> dict[str, Any]:
+    """What says which pictures they are: where it changes they are made anew."""
+    from ..filters.base import Filter
+
+    texts = [one.describe() if isinstance(one, Filter) else repr(one) for one in filters]
+    denoised = {} if options.denoise is None else {"denoise": options.denoise}
+    return {"method": str(method), "filters": texts, **denoised, **given_form(options)}
+
+
+def _of_scene(
+    options: argparse.Namespace,
+    foci: Foci,
+    files: StackFiles,
+    filters: tuple[FilterFunction, ...],
+) -> int:
+    """The stack of a scene, sampled as all of its lenses need it; how many pictures were made."""
+    from ..focusing.session import FocusSession
+    from ..stacks.forming import Forming
+
+    opened = Opened.of(options, foci.first_lens())
+    lens, filters = opened.sensor.lens(), filters or opened.filters
+    how = {
+        **scene_told(options),
+        **how_formed(options, opened.method, filters),
+    }
+    plan = _plan(options, foci.lenses(lens), files, how)
+    items = _to_do(options, plan)
+    if items is None:
+        return 0
+    sampling = sampling_for(lens, [item.lens for item in plan.items], opened.sampling)
+    if options.normals:
+        sampling = dataclasses.replace(sampling, features=True)
+    samples = opened.sampled(options, sampling)
+    session = FocusSession(samples, opened.method)
+    Forming(session, opened.film.rfilter(), opened.has_alpha, filters).do(plan, items)
+    opened.require_kept()
+    return len(items)
+
+
+def _of_file(
+    options: argparse.Namespace,
+    foci: Foci,
+    files: StackFiles,
+    filters: tuple[FilterFunction, ...],
+) -> int:
+    """The same of samples in a file, or of a picture of another program."""
+    from ..focusing.session import FocusSession
+    from ..samples.files import holds_samples
+    from ..samples.provenance import file_name
+    from ..stacks.forming import Forming
+
+    require_no_scene_options(options)
+    method = given_method(options)
+    if options.variant is not None:
+        set_variant(options.variant)
+    samples = samples_of_file(options.scene, options, foci)
+    how = {"source": file_name(options.scene), **how_formed(options, method, filters)}
+    plan = _plan(options, foci.lenses(samples.lens), files, how)
+    items = _to_do(options, plan)
+    if items is None:
+        return 0
+    if options.denoise:
+        samples = samples.denoised()
+    alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
+    Forming(FocusSession(samples, method), None, alpha, filters).do(plan, items)
+    return len(items)
+
+
+def _plan(
+    options: argparse.Namespace, lenses: list[Lens], files: StackFiles, how: dict[str, Any]
+) -> StackPlan:
+    """The plan of the stack, all of whose files can be written."""
+    from ..stacks.plan import StackPlan
+
+    plan = StackPlan.of(lenses, files, how=how, maps=asked_maps(options))
+    given = (options.scene, options.lenses, options.samples, options.depth)
+    plan.check([source for source in given if source])
+    return plan
+
+
+def _to_do(options: argparse.Namespace, plan: StackPlan) -> list[StackItem] | None:
+    """What is to be done of the plan; ``None`` where all is there."""
+    from ..animation.frames import chosen_frames
+
+    chosen = chosen_frames(range(len(plan.items)), None, options.shard)
+    items = plan.to_do(chosen, options.overwrite)
+    left = {item.index for item in items}
+    done = [index for index in chosen if index not in left]
+    if done:
+        sources = [options.scene, *([options.lenses] if options.lenses else [])]
+        old = plan.files.frames().older_than(done, sources)
+        tell_done(Report(options), "pictures", len(done), len(chosen), old, sources)
+    return items if items or plan.lacks_maps else None

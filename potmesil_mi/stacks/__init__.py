@@ -1,0 +1,1 @@
+"""Many pictures of the same samples: focal stacks and data sets, planned first and then formed."""
