@@ -846,6 +846,7 @@ NO_ROWS = {
     "evaluation.Rendering": "is a result",
     "evaluation.EqualError": "is a result",
     "FocalStack": "is a result",
+    "PointSamples.view": "checks nothing: chosen does",
     "PointSamples.joined": "joins columns of the package's own",
 }
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from .._validation import shown
+
 MOST_AOVS = 63
 """AOVs of a sample, at most: the bytes of these are counted by one byte in archives."""
 
@@ -28,19 +30,24 @@ def require_aov_names(names: Any) -> tuple[str, ...]:
     too long or not printable, and for the same one twice.
     """
     if isinstance(names, str) or not isinstance(names, Sequence):
-        raise TypeError(f"aov_names={str(names)[:80]}: must be a sequence of names")
+        raise TypeError(f"aov_names={shown(names)}: must be a sequence of names")
     if len(names) > MOST_AOVS:
-        raise ValueError(f"aov_names: has {len(names)} names, must have at most {MOST_AOVS}")
+        raise ValueError(
+            f"aov_names={shown(names)}: has {len(names)} names, must have at most {MOST_AOVS}"
+        )
     for name in names:
         if not isinstance(name, str):
-            raise TypeError(f"aov_names: {str(name)[:80]}: must be text")
+            raise TypeError(f"aov_names={shown(names)}: {shown(name)} must be text")
         if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_AOV_NAME:
             raise ValueError(
-                f"aov_names: {name[:80]!r}: must be printable, of 1 to {LONGEST_AOV_NAME} bytes"
+                f"aov_names={shown(names)}: {shown(name)} must be printable, of 1 to "
+                f"{LONGEST_AOV_NAME} bytes"
             )
     twice = [name for i, name in enumerate(names) if name in names[:i]]
     if twice:
-        raise ValueError(f"aov_names: {twice[0][:80]!r} is there twice, each must be another")
+        raise ValueError(
+            f"aov_names={shown(names)}: {shown(twice[0])} is there twice, each must be another"
+        )
     return tuple(names)
 
 
@@ -49,7 +56,8 @@ def require_named(names: Sequence[str], aovs: np.ndarray | None) -> None:
     count = 0 if aovs is None else aovs.shape[1]
     if len(names) != count:
         raise ValueError(
-            f"aov_names: has {len(names)} names, must have {count}, as many as aovs has columns"
+            f"aov_names={shown(names)}: has {len(names)} names, must have {count}, as many as "
+            f"columns of aovs={shown(aovs)}"
         )
 
 

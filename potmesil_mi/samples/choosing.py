@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .._validation import require_kind, require_number
+from .._validation import require_kind, require_number, shown
 from .point_samples import PointSamples
 
 CENTER = "center"
@@ -70,13 +70,13 @@ def focus_distance_of(samples: PointSamples, name: str) -> float:
         middle = crop.left + crop.width / 2, crop.top + crop.height / 2
         return focus_distance_at(samples, *middle)
     if not ids:
-        raise ValueError(f"name={name!r}: is not in the scene; {_alike(samples, name)}")
+        raise ValueError(f"name={shown(name)}: is not in the scene; {_alike(samples, name)}")
     of_it = np.isin(samples.surface, np.array(ids, np.uint32)) & (samples.layer == 0)
     found = np.flatnonzero(of_it)
     if len(found) == 0:
         raise ValueError(
-            f"name={name!r}: the pinhole sees nothing of it; {_names(seen_surfaces(samples))} are "
-            "in sight"
+            f"name={shown(name)}: the pinhole sees nothing of it; in sight are "
+            f"{_names(seen_surfaces(samples))}"
         )
     return _middle(samples, found)
 

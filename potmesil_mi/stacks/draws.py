@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._validation import require_number
+from .._validation import require_number, shown
 from ..motion.track import is_infinite
 
 INTERVALS: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
@@ -55,7 +55,7 @@ class Draw:
 
         Raises ``TypeError`` or ``ValueError`` that begins with the ``name`` and the value.
         """
-        wrong = f"{name}={value!r}: must be {ALLOWED}"
+        wrong = f"{name}={shown(value)}: must be {ALLOWED}"
         if not isinstance(value, Mapping):
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
                 raise TypeError(wrong)
@@ -75,9 +75,9 @@ class Draw:
             if not (is_infinite(end) and kind == "reciprocal_uniform"):
                 require_number(f"{name}.{kind}[{i}]", end)
             if kind != "uniform" and not end > 0:
-                raise ValueError(f"{name}.{kind}[{i}]={end}: must be > 0")
+                raise ValueError(f"{name}.{kind}[{i}]={shown(end)}: must be > 0")
         if not values[0] <= values[1]:
-            raise ValueError(f"{name}.{kind}={values}: must be the lesser number first")
+            raise ValueError(f"{name}.{kind}={shown(values)}: must be the lesser number first")
         return cls(kind, tuple(map(float, values)))
 
     def at(self, seed: int, name: str) -> Any:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
 from .._progress import reported, step_progress
-from .._validation import require_kind
+from .._validation import require_kind, shown
 from ..filters.base import FilterFunction, as_filters
 from ..focusing.methods import Method, MethodName
 from ..focusing.session import FocusSession
@@ -103,7 +103,9 @@ def focal_stack(
     require_kind("samples", samples, (PointSamples, FocusSession), allowed)
     if isinstance(samples, FocusSession):
         if method is not None:
-            raise ValueError(f"method={method!r}: must be None for a session, which has its own")
+            raise ValueError(
+                f"method={shown(method)}: must be None for a session, which has its own"
+            )
         session = samples
     else:
         session = FocusSession(samples, "layered" if method is None else method)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._files import require_readable, require_suffix
-from .._validation import require_kind, require_number, require_positive, require_whole
+from .._validation import require_kind, require_number, require_positive, require_whole, shown
 from ..motion.toml import read_toml
 from ..motion.track import is_infinite, named, require_known
 from ..optics.lens import ThinLens
@@ -73,13 +73,15 @@ class Foci:
         if self.table is not None:
             for name in ("distances", *given, "f_numbers"):
                 if getattr(self, name, None) is not None:
-                    raise ValueError(f"{name}: must not be given with lenses, which say it")
+                    both = f"{name}={shown(getattr(self, name))}", f"lenses={shown(self.table)}"
+                    raise ValueError(f"{both[0]}: must not be given with {both[1]}, which say it")
             for i, one in enumerate(self.table):
                 allowed = "a lens, or a mapping of its parameters"
                 require_kind(f"lenses[{i}]", one, (ThinLens, TelecentricLens, Mapping), allowed)
             return
         if given and self.distances is not None:
-            raise ValueError(f"{given[0]}={evenly[given[0]]}: must not be given with distances")
+            both = f"{given[0]}={shown(evenly[given[0]])}", f"distances={shown(self.distances)}"
+            raise ValueError(f"{both[0]}: must not be given with {both[1]}")
         if given and len(given) < len(evenly):
             missing = next(name for name in evenly if name not in given)
             raise ValueError(f"{missing}: must be given with {', '.join(given)}")
@@ -104,7 +106,7 @@ class Foci:
         if not is_infinite(self.far):
             require_number("far", self.far)
         if not float(self.near or 0) < float(self.far or 0):
-            raise ValueError(f"far={self.far}: must be > near={self.near}")
+            raise ValueError(f"far={shown(self.far)}: must be > near={shown(self.near)}")
 
     def __len__(self) -> int:
         if self.table is not None:
@@ -186,7 +188,7 @@ def _tables(values: Changes) -> list[dict[str, Any]]:
     require_known(values, ("lenses",))
     tables = values.get("lenses")
     if not isinstance(tables, list) or not tables or not all(map(_is_table, tables)):
-        raise TypeError(f"lenses={tables!r}: must be tables, [[lenses]], one at least")
+        raise TypeError(f"lenses={shown(tables)}: must be tables, [[lenses]], one at least")
     return [dict(one) for one in tables]
 
 
@@ -218,7 +220,7 @@ def _value(name: str, text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{name}={text!r}: must be a number") from None
+        raise ValueError(f"{name}={shown(text)}: must be a number") from None
 
 
 def _lens_of(i: int, lens: Lens, one: Lens | Changes) -> Lens:
@@ -227,7 +229,7 @@ def _lens_of(i: int, lens: Lens, one: Lens | Changes) -> Lens:
             return one
         changes: Any = one
         if not all(isinstance(name, str) for name in changes):
-            raise TypeError(f"{one!r}: must have names of parameters")
+            raise TypeError(f"{shown(one)}: must have names of parameters")
         return lens.replace(**changes)
 
 
@@ -242,8 +244,8 @@ def _several(name: str, values: Any) -> tuple[Any, ...]:
     """The values as a tuple of one at least."""
     name = "lenses" if name == "table" else name
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
-        raise TypeError(f"{name}={values!r}: must be several, in a list")
+        raise TypeError(f"{name}={shown(values)}: must be several, in a list")
     found = tuple(values.tolist() if isinstance(values, np.ndarray) else values)
     if not found:
-        raise ValueError(f"{name}: must be one at least")
+        raise ValueError(f"{name}={shown(values)}: must be one at least")
     return found

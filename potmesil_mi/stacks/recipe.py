@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._image import PICTURES, require_format
-from .._validation import require_choice, require_kind, require_whole
+from .._validation import require_choice, require_kind, require_whole, shown
 from ..motion.toml import read_toml, table_of
 from ..motion.track import named, require_known
 from ..optics.lens import ThinLens
@@ -167,7 +167,9 @@ class Recipe:
         require_choice("layout", layout, LAYOUTS)
         for name in ("endings", *FORM):
             if name in values and layout != LAYOUTS[0]:
-                raise ValueError(f"{name}={values[name]!r}: must be left out for layout={layout!r}")
+                raise ValueError(
+                    f"{name}={shown(values[name])}: must be left out for layout={shown(layout)}"
+                )
         endings = _texts("endings", values.get("endings", [".exr"]), PICTURES)
         form: Any = {name: values[name] for name in FORM if name in values}
         require_format([f"picture{ending}" for ending in endings], **form)
@@ -245,7 +247,7 @@ def _named(draws: Mapping[str, Any], name: str) -> dict[tuple[str, str], Draw]:
 
 def _scenes(values: Any, folder: Path) -> list[dict[str, Any]]:
     if not isinstance(values, list) or not values:
-        raise TypeError(f"scenes={values!r}: must be tables, [[scenes]], one at least")
+        raise TypeError(f"scenes={shown(values)}: must be tables, [[scenes]], one at least")
     scenes: list[dict[str, Any]] = []
     for i, scene in enumerate(values):
         with named(f"scenes[{i}]"):
@@ -254,15 +256,17 @@ def _scenes(values: Any, folder: Path) -> list[dict[str, Any]]:
             require_kind("path", path, str, "given, the name of a file")
             name = scene.get("name", Path(path).stem)
             if not isinstance(name, str) or not NAME.fullmatch(name):
-                raise ValueError(f"name={name!r}: must be letters, digits, _, . and -")
+                raise ValueError(f"name={shown(name)}: must be letters, digits, _, . and -")
             if name in (one["name"] for one in scenes):
-                raise ValueError(f"name={name!r}: must be another for each scene")
+                raise ValueError(f"name={shown(name)}: must be another for each scene")
             sensors = scene.get("sensors", [0])
             require_kind("sensors", sensors, list, "a list of numbers of sensors")
             for j, sensor in enumerate(sensors):
                 require_whole(f"sensors[{j}]", sensor, 0, MOST)
             if len(set(sensors)) != len(sensors) or not sensors:
-                raise ValueError(f"sensors={sensors}: must be one at least, each of them once")
+                raise ValueError(
+                    f"sensors={shown(sensors)}: must be one at least, each of them once"
+                )
             define = {key: str(value) for key, value in table_of(scene, "define").items()}
         scenes.append(
             {"name": name, "path": str(folder / path), "define": define, "sensors": sensors}
@@ -273,7 +277,7 @@ def _scenes(values: Any, folder: Path) -> list[dict[str, Any]]:
 def _cameras(table: Mapping[str, Any]) -> dict[str, Any]:
     move = table.get("move", [0, 0, 0])
     if not isinstance(move, list) or len(move) != len(MOVES):
-        raise TypeError(f"[cameras].move={move!r}: must be three, to the right, up and ahead")
+        raise TypeError(f"[cameras].move={shown(move)}: must be three, to the right, up and ahead")
     turns = {name: table.get(name, 0) for name in TURNS}
     draws = {name: table[name] for name in table if name not in (*TURNS, "move", "count")}
     require_known({f"[cameras].{name}": None for name in draws}, ())
@@ -307,7 +311,7 @@ def _foci(table: Mapping[str, Any]) -> dict[str, Any]:
             raise ValueError("[foci].distance: must not be given with distances, near or far")
         found = _draws("foci", drawn, ("distance",))
         if any(isinstance(value, str) for value in found["distance"].values):
-            raise TypeError(f"[foci].distance={table['distance']!r}: must be numbers")
+            raise TypeError(f"[foci].distance={shown(table['distance'])}: must be numbers")
         return found
     try:
         Foci(**table)

@@ -169,7 +169,7 @@ def test_a_picture_of_another_program_has_a_stack_too(tmp_path):
         (["--distances", "2", "--spp", "4"], "spp=4: is for a scene, and"),
         (["--distances", "2", "--shard", "4/3"], "shard='4/3'"),
         (["--distances", "2", "--layout", "fod500"], "must end in a number of six digits"),
-        (["--distances", "2", "--normals"], "normal: None, the samples have no normals"),
+        (["--distances", "2", "--normals"], "normal: the samples have none"),
         (["--lenses", "absent.csv"], "absent.csv: there is no such file"),
     ],
 )
