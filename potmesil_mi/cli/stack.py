@@ -88,10 +88,11 @@ def stack_options(command: argparse.ArgumentParser) -> str:
         ("f-numbers", "N", "aperture numbers, with each of which all distances are focused on"),
     ):
         group.add_argument(f"--{name}", type=float, nargs="+", metavar=metavar, help=text)
-    text = "in place of --distances, of --count distances at equal steps of circles of confusion"
     group.add_argument(
-        "--near", type=float, metavar="U", dest="nearest", help=f"the nearest {text}"
-    )
+        "--near", type=float, metavar="U", dest="nearest",
+        help="in place of --distances: the nearest of --count of them, at equal steps of 1/U, in "
+        "which circles of confusion change evenly (with a telecentric lens, of U)",
+    )  # fmt: skip
     group.add_argument(
         "--far", type=float, metavar="U", dest="farthest", help="the farthest; inf is allowed"
     )

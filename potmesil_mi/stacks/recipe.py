@@ -105,9 +105,11 @@ class View:
     stacks: tuple[StackDraw, ...]
 
     def first_lens(self) -> dict[str, Any]:
-        """How the first lens is focused and opened."""
+        """How the first lens is focused and opened; a half-angle is the widest of all."""
         first = self.stacks[0]
         opened = {name: first.changes[name] for name in OPENINGS if name in first.changes}
+        if "half_angle" in opened:
+            opened["half_angle"] = max(one.changes["half_angle"] for one in self.stacks)
         return {**opened, **first.foci.first_lens()}
 
     def lenses(self, lens: Lens) -> list[Lens]:
