@@ -29,7 +29,7 @@ def require_aov_names(names: Any) -> tuple[str, ...]:
     Raises ``ValueError`` or ``TypeError`` for more than ``MOST_AOVS``, for names that are empty,
     too long or not printable, and for the same one twice.
     """
-    if isinstance(names, str) or not isinstance(names, Sequence):
+    if isinstance(names, (str, bytes)) or not isinstance(names, Sequence):
         raise TypeError(f"aov_names={shown(names)}: must be a sequence of names")
     if len(names) > MOST_AOVS:
         raise ValueError(

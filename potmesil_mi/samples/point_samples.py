@@ -156,8 +156,9 @@ class PointSamples(Columns):
         window = self.crop_window if self.window is OF_DEFAULT else Window.of(self.window)
         object.__setattr__(self, "window", window)
         super().__post_init__()
-        object.__setattr__(self, "aov_names", require_aov_names(self.aov_names))
+        names = require_aov_names(self.aov_names)
         require_named(self.aov_names, self.aovs)
+        object.__setattr__(self, "aov_names", names)
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
             for field in self.present():

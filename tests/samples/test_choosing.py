@@ -75,9 +75,7 @@ def test_an_unknown_name_is_told_those_like_it():
 
 def test_a_thing_out_of_sight_is_told_what_is_in_sight():
     samples = two_things(surface=np.ones(20 * 14 * 16, np.uint32))
-    with pytest.raises(
-        ValueError, match="sees nothing of it; in sight are 'wall'"
-    ):
+    with pytest.raises(ValueError, match="sees nothing of it; in sight are 'wall'"):
         pm.focus_distance_of(samples, "teapot")
 
 
