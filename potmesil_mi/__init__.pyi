@@ -1,6 +1,7 @@
 """Every public name and the module that defines it: for type checkers, and for lazy_loader."""
 
 from . import evaluation
+from ._examples import example, examples
 from ._progress import progress
 from .animation.animation import AnimatedFilter, Animation
 from .filters.base import Filter, apply_filters, parse_filter
@@ -31,6 +32,8 @@ from .samples.raster import Window
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
+
+__version__: str
 
 __all__ = [
     "AnimatedFilter",
@@ -68,6 +71,8 @@ __all__ = [
     "aperture_of",
     "apply_filters",
     "evaluation",
+    "example",
+    "examples",
     "focus",
     "motion_vectors",
     "parse_filter",

@@ -87,9 +87,9 @@ class _Version(argparse.Action):
     """Prints the version, which takes a while to look up, and ends the program."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        from importlib.metadata import version
+        from .._version import installed_version
 
-        print(version("potmesil_mi"))
+        print(installed_version())
         parser.exit()
 
 
