@@ -150,6 +150,7 @@ def describe_problem() -> str:
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     loaded = loaded_llvm()
     installed = installed_llvms(library_folders())
+    usable = newest_usable_llvm()
     if loaded > 0:
         found = f"Dr.Jit has loaded LLVM {loaded}"
         found += f" from DRJIT_LIBLLVM_PATH={chosen}" if chosen else ""
@@ -158,11 +159,13 @@ def describe_problem() -> str:
         found = f"Dr.Jit cannot load DRJIT_LIBLLVM_PATH={chosen}"
         found += f" (LLVM {version} by its name)" if version else ""
         found += "" if Path(chosen).exists() else ": there is no such file"
+    elif usable:
+        found = "Dr.Jit has found none by itself"
     elif installed:
         found = f"the newest one found is LLVM {installed[0][0]} ({installed[0][1]})"
     else:
         found = "none was found"
-    if (usable := newest_usable_llvm()) and str(usable) != chosen:
+    if usable and str(usable) != chosen:
         remedy = "Unset DRJIT_LIBLLVM_PATH" if chosen else "Import potmesil_mi before mitsuba"
         remedy += f", in a new process: it then takes {usable}."
     else:

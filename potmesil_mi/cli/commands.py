@@ -42,9 +42,8 @@ if TYPE_CHECKING:
 
 RENDER_EXAMPLES = """
 examples:
-  potmesil render example:figure11 -D res=256 -o cube.png
-  potmesil render example:figure11 -D res=256 -D focus_distance=290 -o sphere.exr -o sphere.png
-  potmesil render example:figure11 -D res=256 --f-number 2.8 -o wide.png --samples wide.samples
+  potmesil render example:figure11 -D res=128 -D focus_distance=290 -o sphere.exr -o sphere.png
+  potmesil render example:figure11 -D res=128 --f-number 2.8 -o wide.png --samples wide.samples
   potmesil render example:moving -D res=96 --motion example:motions/ball -o ball.png
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
@@ -172,8 +171,7 @@ def _loaded(options: argparse.Namespace) -> PointSamples:
 COMPARE_EXAMPLES = """
 examples:
   potmesil compare example:figure11 -D res=64 -o compared/
-  potmesil compare example:figure11 -D res=64 --f-number 2 --focus-distance 290 --budget 20
-  potmesil compare example:room -D res=48 --spp 4 --denoise --reference-floor 40 --budget 20
+  potmesil compare example:figure11 -D res=48 --spp 4 --denoise --reference-floor 40 --budget 5
 
 Writes focused, thinlens, reference and difference, each as .exr and .png; thinlens is that of about
 equal error, or of equal samples where its error stays the larger; difference is that of focused and
