@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Sets everything up: Python and LLVM where they are missing (through apt), and the package with
-# its tests in .venv beside this file. May be run again at any time. Another Python: PYTHON=...
+# Sets everything up: Python and LLVM where they are missing (through apt; LLVM without it from
+# PyPI), and the package with its tests in .venv beside this file. May be run again at any time. Another Python: PYTHON=...
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -24,11 +24,15 @@ apt_get() {
     fi
 }
 
-apt_install() {
+apt_try_install() {
     say "installing $* through apt"
     # The lists may be missing or out of date: fetch them and try once more.
     apt_get install --no-install-recommends "$@" 2>/dev/null ||
-        { apt_get update && apt_get install --no-install-recommends "$@"; } ||
+        { apt_get update && apt_get install --no-install-recommends "$@"; }
+}
+
+apt_install() {
+    apt_try_install "$@" ||
         stop "apt could not install $*: see its messages above." \
             "Install it as root (apt-get install $*), then run $0 again"
 }
@@ -72,10 +76,14 @@ if ! { is_usable_python .venv/bin/python && .venv/bin/python -m pip --version; }
 then
     make_venv
 fi
-say "installing the package and its dependencies in .venv"
 # As a folder on the module path, which type checkers follow and which starts faster than a hook.
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]' \
-    --config-settings editable_mode=compat
+install_package() {
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".[$1]" \
+        --config-settings editable_mode=compat
+}
+
+say "installing the package and its dependencies in .venv"
+install_package test
 
 # ------------------------------------------------------------------ what Mitsuba's wheels leave out
 
@@ -108,22 +116,31 @@ llvm_package() {
             END { print package }'
 }
 
-if ! problem=$(llvm_problem); then
-    [ -z "${DRJIT_LIBLLVM_PATH:-}" ] || stop "$problem"
-    has apt-get || stop "$problem" "Then run $0 again."
-    can_use_apt || stop "$problem" "(This needs root or sudo. Then run $0 again.)"
+# Fails where apt cannot be used or offers none (Ubuntu 22.04).
+llvm_of_apt() {
+    local package
+    can_use_apt || return
     package=$(llvm_package)
     if [ -z "$package" ]; then
         say "fetching apt's package lists"
-        apt_get update || stop "apt could not fetch its package lists: see its messages above"
+        apt_get update || return
         package=$(llvm_package)
     fi
-    [ -n "$package" ] || stop \
-        "apt offers no libllvm$(constant MINIMUM_LLVM) or newer here (Ubuntu 22.04 has none)." \
-        "Add the packages of https://apt.llvm.org and run $0 again, or take Python and LLVM from" \
-        "conda (conda install -c conda-forge python libllvm$(constant TESTED_LLVM)) or Homebrew" \
-        "(brew install python llvm)."
-    apt_install "$package"
-    problem=$(llvm_problem) || stop "$problem"
+    [ -n "$package" ] && apt_try_install "$package"
+}
+
+# The extra brings none but for Linux on x86-64.
+llvm_of_pypi() {
+    say "installing LLVM from PyPI, for apt has none here"
+    install_package test,llvm
+}
+
+if ! problem=$(llvm_problem); then
+    [ -z "${DRJIT_LIBLLVM_PATH:-}" ] || stop "$problem"
+    llvm_of_apt || llvm_of_pypi
+    problem=$(llvm_problem) || stop \
+        "$problem" \
+        "Where that is not possible, take Python and LLVM from conda (conda install -c conda-forge" \
+        "python libllvm$(constant TESTED_LLVM)) or Homebrew (brew install python llvm). Then run $0 again."
 fi
 say "done: .venv/bin/potmesil --help"

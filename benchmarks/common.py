@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import potmesil_mi  # before mitsuba: it finds an LLVM  # noqa: F401
+
+# isort: split
 import argparse
 import os
 import platform

@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import importlib.metadata
 import io
 import os
 import re
@@ -27,7 +26,7 @@ mi.set_variant("scalar_rgb")  # Classes of plugins derive from types of a varian
 # ---------------------------------------------------------------- the project
 
 project = "potmesil_mi"
-version = release = importlib.metadata.version("potmesil_mi")
+version = release = potmesil_mi.__version__
 copyright = "BSD 3-Clause"
 
 # ---------------------------------------------------------------- pages

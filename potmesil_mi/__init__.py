@@ -3,7 +3,7 @@
 Render a scene once with a pinhole, keep point samples with depth and surface identity, then
 form the picture through a lens as often as you like::
 
-    import mitsuba as mi, potmesil_mi as pm        # in either order with mi.set_variant
+    import potmesil_mi as pm, mitsuba as mi        # in this order, before mi.set_variant or after
     samples = pm.render_samples(scene, spp=16)     # once
     image = pm.focus(samples, samples.lens.replace(focus_distance=550, f_number=11))
 
@@ -15,11 +15,21 @@ names, which ``__init__.pyi`` lists with the modules that define them, are impor
 
 from __future__ import annotations
 
+from typing import Any
+
 import lazy_loader
 
 from ._hook import watch_import
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from ._version import package_version
+
+        return package_version()
+    return _public(name)
 
 
 def _choose_llvm() -> None:

@@ -1,6 +1,7 @@
 """Every public name and the module that defines it: for type checkers, and for lazy_loader."""
 
 from . import evaluation
+from ._examples import example, examples
 from ._progress import progress
 from ._warnings import FocusWarning
 from .animation.animation import AnimatedFilter, Animation
@@ -36,6 +37,8 @@ from .stacks.focal_stack import FocalStack, focal_stack
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
+
+__version__: str
 
 __all__ = [
     "AnimatedFilter",
@@ -77,6 +80,8 @@ __all__ = [
     "apply_filters",
     "circle_map",
     "evaluation",
+    "example",
+    "examples",
     "focal_stack",
     "focus",
     "focus_aovs",

@@ -14,6 +14,7 @@ import os
 import platform
 import re
 import shutil
+import site
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -51,8 +52,10 @@ def version_of(library: Path) -> int | None:
 
 
 def library_folders() -> list[Path]:
-    """Where LLVM may be installed: with this Python (conda), in the system, by Homebrew."""
+    """Where LLVM may be installed: with this Python (pip, conda), in the system, by Homebrew."""
     prefixes = dict.fromkeys([sys.prefix, sys.base_prefix])
+    if site.ENABLE_USER_SITE:  # pip install --user
+        prefixes[site.getuserbase()] = None
     folders = [Path(prefix, sub) for prefix in prefixes for sub in ("lib", "Library/bin")]
     if sys.platform == "win32":
         return [*folders, Path(os.environ.get("PROGRAMFILES", "C:/Program Files"), "LLVM", "bin")]
@@ -143,10 +146,11 @@ def check_llvm(variant: str, previous: str | None = None) -> None:
 
 
 def describe_problem() -> str:
-    """What was found, what is needed and how to get it."""
+    """What to do, in the first line; then what was found and what is needed."""
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     loaded = loaded_llvm()
     installed = installed_llvms(library_folders())
+    usable = newest_usable_llvm()
     if loaded > 0:
         found = f"Dr.Jit has loaded LLVM {loaded}"
         found += f" from DRJIT_LIBLLVM_PATH={chosen}" if chosen else ""
@@ -155,27 +159,28 @@ def describe_problem() -> str:
         found = f"Dr.Jit cannot load DRJIT_LIBLLVM_PATH={chosen}"
         found += f" (LLVM {version} by its name)" if version else ""
         found += "" if Path(chosen).exists() else ": there is no such file"
+    elif usable:
+        found = "Dr.Jit has found none by itself"
     elif installed:
         found = f"the newest one found is LLVM {installed[0][0]} ({installed[0][1]})"
     else:
         found = "none was found"
-    lines = [
-        f"Mitsuba's llvm_* variants need LLVM {MINIMUM_LLVM} or newer, but {found}.",
-        f"Install one:  {install_command()}",
-    ]
-    if "apt-get" in lines[-1]:
+    if usable and str(usable) != chosen:
+        remedy = "Unset DRJIT_LIBLLVM_PATH" if chosen else "Import potmesil_mi before mitsuba"
+        remedy += f", in a new process: it then takes {usable}."
+    else:
+        remedy = f"Install an LLVM:  {install_command()}"
+    lines = [remedy, f"Mitsuba's llvm_* variants need LLVM {MINIMUM_LLVM} or newer, but {found}."]
+    if "apt-get" in remedy:
         lines.append(
             "(Before Debian 12 and Ubuntu 24.04, add the packages of https://apt.llvm.org.)"
         )
-    if (usable := newest_usable_llvm()) and str(usable) != chosen:
-        remedy = "unset DRJIT_LIBLLVM_PATH" if chosen else "import potmesil_mi before mitsuba"
-        lines.append(f"There is a usable one, {usable}: to take it, {remedy}.")
     lines.append("The scalar_* and cuda_* variants need no LLVM: set one, then import potmesil_mi.")
     return "\n".join(lines)
 
 
 def install_command() -> str:
-    """The command that installs a usable LLVM on this machine."""
+    """The command that installs a usable LLVM on this machine; without root where it can."""
     windows = sys.platform == "win32"
     if any(Path(prefix, "conda-meta").is_dir() for prefix in (sys.prefix, sys.base_prefix)):
         return f"conda install -c conda-forge libllvm{'-c' if windows else ''}{TESTED_LLVM}"
@@ -183,6 +188,8 @@ def install_command() -> str:
         return "the LLVM installer from https://github.com/llvm/llvm-project/releases"
     if sys.platform == "darwin":
         return "brew install llvm"
+    if platform.machine() == "x86_64":
+        return "pip install 'potmesil_mi[llvm]'"
     sudo = "sudo " if os.geteuid() else ""
     if shutil.which("dnf") and not shutil.which("apt-get"):
         return f"{sudo}dnf install llvm-libs"

@@ -6,27 +6,20 @@ import sys
 from pathlib import Path
 
 import pytest
+from pages import blocks
 
 import potmesil_mi as pm
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 HOWTOS = [page for page in sorted((DOCS / "howto").glob("*.md")) if page.stem != "index"]
+HOWTOS += [DOCS / "install.md"]
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
     *sorted(DOCS.glob("*.md")),
     *sorted((DOCS / "howto").glob("*.md")),
 ]
-
-
-def blocks(page, language):
-    """(first line, text) of the blocks of code on a page."""
-    text = page.read_text(encoding="utf-8")
-    return [
-        (text[: block.start(1)].count("\n"), block[1])
-        for block in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    ]
 
 
 def name_of(page):

@@ -1,6 +1,7 @@
 """An unusable LLVM must end in a Python exception that says what to install, never in an abort."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -28,10 +29,14 @@ def run(*arguments, library):
     )
 
 
+REMEDIES = "Install an LLVM:  |Unset DRJIT_LIBLLVM_PATH, in a new process: "
+"""How a message begins: it says what to do before it says why."""
+
+
 def assert_llvm_error(result, found):
     assert result.returncode == 1, f"{result.returncode}: {result.stderr}"  # negative: a signal
-    assert "LLVMError: " in result.stderr
-    for said in (found, f"LLVM {llvm.MINIMUM_LLVM} or newer", llvm.install_command()):
+    assert re.search(rf"LLVMError: ({REMEDIES})", result.stderr), result.stderr
+    for said in (found, f"LLVM {llvm.MINIMUM_LLVM} or newer"):
         assert said in result.stderr
 
 
@@ -79,8 +84,8 @@ def test_a_command_that_renders_ends_in_one_line_that_says_what_to_install(comma
     result = run("-m", "potmesil_mi", *command, *output, library=tmp_path / "absent")
     assert result.returncode == 1
     assert "Traceback" not in result.stderr
-    for said in ("potmesil: error: ", f"LLVM {llvm.MINIMUM_LLVM} or newer", llvm.install_command()):
-        assert said in result.stderr
+    assert re.search(rf"potmesil: error: ({REMEDIES})", result.stderr)
+    assert f"LLVM {llvm.MINIMUM_LLVM} or newer" in result.stderr
 
 
 def test_the_error_comes_again_at_the_next_attempt_and_leaves_no_half_of_mitsuba(tmp_path):
@@ -165,7 +170,27 @@ def test_every_change_of_the_variant_is_checked():
     assert_llvm_error(result, "LLVM 15")
 
 
+def test_mitsuba_before_the_package_is_told_to_come_after_it(old_library):
+    """Dr.Jit took the old library by itself, and a newer one is installed."""
+    _, path = old_library
+    code = """
+import mitsuba, os
+del os.environ["DRJIT_LIBLLVM_PATH"]
+import potmesil_mi"""
+    result = run("-c", code, library=path)
+    assert result.returncode == 1
+    expected = "Import potmesil_mi before mitsuba" if llvm.newest_usable_llvm() else "Install"
+    assert f"LLVMError: {expected}" in result.stderr
+
+
 # ---------------------------------------------------------------- finding libraries
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_what_pip_installed_for_the_user_is_looked_for(enabled, monkeypatch, tmp_path):
+    monkeypatch.setattr(llvm.site, "ENABLE_USER_SITE", enabled)
+    monkeypatch.setattr(llvm.site, "getuserbase", lambda: str(tmp_path))
+    assert (tmp_path / "lib" in llvm.library_folders()) is enabled
 
 
 @pytest.mark.parametrize(
@@ -272,6 +297,7 @@ def test_nothing_is_changed_once_dr_jit_is_loaded(offered, monkeypatch, tmp_path
 @pytest.mark.skipif(sys.platform != "linux", reason="names Debian's command")
 @pytest.mark.parametrize(("user", "sudo"), [(0, ""), (1000, "sudo ")])
 def test_debians_command_uses_sudo_only_when_needed(user, sudo, monkeypatch, tmp_path):
+    monkeypatch.setattr(llvm.platform, "machine", lambda: "aarch64")
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(sys, "base_prefix", str(tmp_path))
     monkeypatch.setattr(llvm.shutil, "which", lambda name: f"/usr/bin/{name}")
@@ -286,9 +312,24 @@ def test_a_conda_python_is_told_condas_command(monkeypatch, tmp_path):
     assert llvm.install_command() == "conda install -c conda-forge libllvm19"
 
 
-def test_message_points_at_a_usable_llvm_that_was_passed_over(offered, monkeypatch, tmp_path):
+@pytest.mark.skipif(sys.platform != "linux", reason="names Linux's package")
+def test_where_pip_has_an_llvm_no_root_is_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(sys, "base_prefix", str(tmp_path))
+    monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
+    assert llvm.install_command() == "pip install 'potmesil_mi[llvm]'"
+
+
+def first_line():
+    return llvm.describe_problem().splitlines()[0]
+
+
+@pytest.mark.parametrize("loaded", [15, -1])
+def test_the_first_line_tells_what_to_do(loaded, offered, monkeypatch, tmp_path):
+    monkeypatch.setattr(llvm, "loaded_llvm", lambda: loaded)
+    assert first_line() == f"Install an LLVM:  {llvm.install_command()}"
     usable = fake_library(tmp_path / "lib", "libLLVM.so.19.1")
-    monkeypatch.setattr(llvm, "loaded_llvm", lambda: 15)
-    assert f"{usable}: to take it, import potmesil_mi before" in llvm.describe_problem()
+    assert first_line().startswith("Import potmesil_mi before mitsuba, in a new process")
+    assert str(usable) in first_line()
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/chosen/libLLVM-15.so")
-    assert f"{usable}: to take it, unset DRJIT_LIBLLVM_PATH" in llvm.describe_problem()
+    assert first_line().startswith("Unset DRJIT_LIBLLVM_PATH, in a new process")

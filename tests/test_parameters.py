@@ -502,6 +502,7 @@ ROWS: dict[str, Callable[[Things], Row]] = {
         pm.motion_vectors,
         {"channels": np.ones((5, 2)), "convention": "pixels", "exposure": 0.5},
     ),
+    "example": lambda it: Row(pm.example, {"name": "terrace"}),
     "progress": lambda it: Row(pm.progress, {"callback": a_function}),
     "Key": lambda it: Row(pm.Key, {"frame": 0.0, "value": 1.0, "easing": "ease"}),
     "Track": lambda it: Row(pm.Track, {"keys": TRACK.keys, "scale": "linear"}),

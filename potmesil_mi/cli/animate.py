@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .given import given_form, given_method
 from .options import (
+    FileAction,
     add_denoise,
     add_form,
     add_lens,
@@ -36,12 +37,12 @@ if TYPE_CHECKING:
 
 ANIMATE_EXAMPLES = """
 examples:
-  potmesil animate scenes/figure11.xml pull.toml -o 'frames/pull_{:04d}.png' -o pull.mp4
-  potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --frames 10-20
-  potmesil animate kitchen.samples pull.toml -o 'pull_{:04d}.exr' --shard 3/64
-  potmesil animate blender.exr pull.toml --frame-width 36 -o 'pull_{:04d}.png'
+  potmesil animate example:figure11 example:motions/pull -D res=128 --samples pull.samples \\
+    -o 'frames/pull_{:04d}.png' -o pull.mp4
+  potmesil animate pull.samples example:motions/pull -o 'pull_{:04d}.exr' --frames 4-6
+  potmesil animate pull.samples example:motions/pull -o 'pull_{:04d}.exr' --shard 2/3
 
-pull.toml, for example:
+An animation, for example:
 
   frames = 100                     # 0 to 99; or [first, last]
   [lens]
@@ -58,7 +59,9 @@ Samples are taken once. Frames that are there already stay, so that what was int
 def animate_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil animate``; returns the examples."""
     add_scene(command, "the scene, a file of `render --samples`, or a picture with its depth")
-    command.add_argument("animation", metavar="ANIMATION.toml", help="what changes, see below")
+    command.add_argument(
+        "animation", metavar="ANIMATION.toml", action=FileAction, help="what changes, see below"
+    )
     command.add_argument(
         "-o", "--output", metavar="PATTERN", action="append", required=True,
         help="pictures to write, such as frame_{:04d}.exr (or .png, .jpg, .tif), with the number "

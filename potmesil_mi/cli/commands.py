@@ -42,10 +42,9 @@ if TYPE_CHECKING:
 
 RENDER_EXAMPLES = """
 examples:
-  potmesil render scenes/figure11.xml -o figure11c.png
-  potmesil render scenes/figure11.xml -D focus_distance=290 -o figure11d.exr -o figure11d.png
-  potmesil render kitchen.xml --f-number 2 --focus-distance 1 -o near.png --samples kitchen.samples
-  potmesil render kitchen.xml --motion pan.toml -o pan.png
+  potmesil render example:figure11 -D res=128 -D focus_distance=290 -o sphere.exr -o sphere.png
+  potmesil render example:figure11 -D res=128 --f-number 2.8 -o wide.png --samples wide.samples
+  potmesil render example:moving -D res=96 --motion example:motions/ball -o ball.png
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
 perspective, which has no lens, with the one that the options describe; the field of view stays. An
@@ -102,12 +101,15 @@ def render(options: argparse.Namespace) -> None:
 
 FOCUS_EXAMPLES = """
 examples:
-  potmesil focus kitchen.samples --focus-distance 3.5 -o far.png
-  potmesil focus kitchen.samples --f-number 8 --method paper --tables 200 -o sharper.exr
-  potmesil focus kitchen.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
-  potmesil focus blender.exr --f-number 2 --focus-distance 3 --frame-width 36 -o near.png
-  potmesil focus photo.png --depth depth.png --depth-scale 0.001 --depth-kind z --fov 60
-    --f-number 1.4 --focus-distance 2 --millimeters-per-unit 1000 -o near.png
+  potmesil render example:figure11 -D res=192 -o cube.png --samples figure11.samples
+  potmesil focus figure11.samples --focus-distance 980 -o far.png
+  potmesil focus figure11.samples --f-number 8 --method paper --tables 99 -o sharper.exr
+  potmesil focus figure11.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
+
+  potmesil render example:figure10 -D res=192 --maps depth -o sharp.exr -o sharp.png
+  potmesil focus sharp.exr --f-number 5.6 --focus-distance 290 -o near.png
+  potmesil focus sharp.png --depth sharp.exr --depth-kind z --fov 36 --f-number 4 \\
+    --focus-distance 550 --millimeters-per-unit 1 -o middle.png
 
 A picture of another program and its depth do as well as samples; what it does not say of the camera
 and the lens, options say.
@@ -178,10 +180,8 @@ def _loaded(options: argparse.Namespace) -> PointSamples:
 
 COMPARE_EXAMPLES = """
 examples:
-  potmesil compare scenes/figure11.xml -D res=256 -o figure11
-  potmesil compare scenes/terrace.xml -D width=384 -D height=256 --spp 64 -o output/
-  potmesil compare kitchen.xml --f-number 2 --focus-distance 1.2 --reference-floor 55
-  potmesil compare kitchen.xml --f-number 2 --spp 4 --denoise --budget 120
+  potmesil compare example:figure11 -D res=64 -o compared/
+  potmesil compare example:figure11 -D res=48 --spp 4 --denoise --reference-floor 40 --budget 5
 
 Writes focused, thinlens, reference and difference, each as .exr and .png; thinlens is that of about
 equal error, or of equal samples where its error stays the larger; difference is that of focused and
@@ -265,7 +265,7 @@ def against_thinlens(options: argparse.Namespace) -> None:
 
 DOF_EXAMPLES = """
 examples:
-  potmesil dof                      Table 1 of the paper
+  potmesil dof                      # Table 1 of the paper
   potmesil dof --focal-length 50 --f-number 1.8 --focus-distance 1000 2000 inf
 """
 

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from .._examples import PREFIX, file_of
 from .._units import MILLIMETERS, Length, f_number_of
 
 T = TypeVar("T")
@@ -113,9 +114,29 @@ METAVARS = {
 """What stands for the value of an option in the help, where it is not the option's name."""
 
 
+class FileAction(argparse.Action):
+    """Stores the name of a file, which may be given as ``example:NAME``.
+
+    Raises ``ValueError`` for an example that there is not.
+    """
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Store it."""
+        setattr(namespace, self.dest, file_of(values))
+
+
 def add_scene(command: argparse.ArgumentParser, what: str = "the scene") -> None:
     """Add the options of the scene and of its samples."""
-    command.add_argument("scene", metavar="SCENE.xml", help=what)
+    command.add_argument(
+        "scene", metavar="SCENE.xml", action=FileAction,
+        help=f"{what}; {PREFIX}NAME is a scene that comes with the package, such as terrace",
+    )  # fmt: skip
     command.add_argument(
         "-D", "--define", metavar="KEY=VALUE", action="append", default=[], type=_definition,
         help="value of a $KEY in the scene; may be given several times",
@@ -206,7 +227,8 @@ def add_picture(command: argparse.ArgumentParser, names: Mapping[str, str] = OPT
 def add_motion(command: argparse.ArgumentParser) -> None:
     """Add the option that tells what moves."""
     command.add_argument(
-        "--motion", metavar="FILE.toml", help="what moves while the picture is exposed, tables "
+        "--motion", metavar="FILE.toml", action=FileAction,
+        help="what moves while the picture is exposed, tables "
         "[camera], [shapes.ID] and [shutter] (default: what the scene's integrator says)"
     )  # fmt: skip
 
