@@ -10,7 +10,7 @@ from pathlib import Path
 PREFIX = "example:"
 """What stands before the name of an example where a file may be named, too."""
 
-PATTERNS = ("*.xml", "motions/*.toml")
+PATTERNS = ("*.xml", "motions/*.toml", "recipes/*.toml")
 """Which files of the folder are examples. Others are parts of them, such as textures."""
 
 FIRST_COMMENT = {
@@ -23,8 +23,8 @@ FIRST_SENTENCE = re.compile(r"(.*?\.)(?:\s|$)", re.DOTALL)
 def examples() -> dict[str, str]:
     """The examples that come with the package: their names, and one sentence about each.
 
-    Names of what moves, and of animations, begin with ``motions/``; all others are scenes. The
-    sentence is the first of the file's comment.
+    Names of what moves, and of animations, begin with ``motions/``, of recipes of data sets with
+    ``recipes/``; all others are scenes. The sentence is the first of the file's comment.
     """
     return {name: _summary(path) for name, path in _files().items()}
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .options import (
     LENS_OPTIONS,
     SAMPLING_OPTIONS,
+    FileAction,
     add_denoise,
     add_method,
     add_variant,
@@ -32,10 +33,10 @@ INDEX = "dataset.json"
 
 DATASET_EXAMPLES = """
 examples:
-  potmesil dataset recipe.toml -o data/
-  potmesil dataset recipe.toml -o data/ --shard 3/64
+  potmesil dataset example:recipes/figure11 -o data/
+  potmesil dataset example:recipes/figure11 -o parts/ --shard 1/2
 
-recipe.toml, for example:
+A recipe, for example:
 
   seed = 7
   [[scenes]]
@@ -59,7 +60,9 @@ is told at the end, and the rest is made. docs/howto/stacks.md has all that a re
 
 def dataset_options(command: argparse.ArgumentParser) -> str:
     """Add the options of ``potmesil dataset``; returns the examples."""
-    command.add_argument("recipe", metavar="RECIPE.toml", help="what there is to be, see below")
+    command.add_argument(
+        "recipe", metavar="RECIPE.toml", action=FileAction, help="what there is to be, see below"
+    )
     command.add_argument(
         "-o", "--output", metavar="FOLDER", required=True, help="where it is written"
     )

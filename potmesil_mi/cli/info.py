@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 INFO_EXAMPLES = """
 examples:
-  potmesil info scenes/figure11.xml
-  potmesil info kitchen.samples --f-number 2 --focus-on teapot --map circles.png
-  potmesil info blender.exr --f-number 2 --frame-width 36 --units m --focus-on center --json
+  potmesil info example:figure11
+  potmesil info example:figure11 -D res=128 --f-number 2.8 --focus-on center --map circles.png
+  potmesil render example:figure11 -D res=64 -o sharp.png --samples figure11.samples
+  potmesil info figure11.samples --focus-at 50%,40% --json
 
 Of a scene a few samples a pixel are taken. The map shows in colour what is blurred: orange what is
 nearer than the focus, blue what is beyond, grey what is sharp; an .exr has the diameters in pixels.

@@ -69,8 +69,8 @@ FILES = {"scene", "samples", "output", "source", "animation", "map", "motion", "
 
 COMPLETION_EXAMPLES = """
 examples:
-  potmesil completion bash >> ~/.bashrc
-  potmesil completion zsh > ~/.zfunc/_potmesil
+  potmesil completion bash > potmesil.bash   # which ~/.bashrc is to source
+  potmesil completion zsh > _potmesil        # into a folder of $fpath
 """
 
 

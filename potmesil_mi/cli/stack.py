@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 STACK_EXAMPLES = """
 examples:
-  potmesil stack kitchen.samples --near 0.5 --far 10 --count 100 -o 'out/{:04d}.exr' --depth-map
-  potmesil stack kitchen.xml --distances 0.5 1 2 inf --f-numbers 1.4 2.8 5.6 -o 'out/{:04d}.png'
-  potmesil stack kitchen.samples --lenses lenses.csv -o 'out/{:04d}.exr' --circle-map --shard 3/64
-  potmesil stack kitchen.xml --distances 0.1 0.15 0.3 0.7 1.5 --layout fod500 -o fod/000000
+  potmesil render example:figure11 -D res=128 -o sharp.png --samples figure11.samples
+  potmesil stack figure11.samples --near 290 --far 2000 --count 9 -o 'out/{:04d}.exr' --depth-map
+  potmesil stack figure11.samples --near 290 --far 2000 --count 9 -o 'part/{:04d}.png' --shard 1/3
+  potmesil stack example:figure11 -D res=64 --distances 290 inf --f-numbers 2 4 -o 'f/{:04d}.png'
 
-lenses.csv, for example; a field that is empty is the lens's own:
+--lenses lenses.csv, for example; a field that is empty is the lens's own:
 
   focus_distance,f_number,aperture
   0.8,2.8,disc
