@@ -44,7 +44,7 @@ def given_lens(
         raise ValueError(
             "focus_distance: must not be given beside focus_at or focus_on, which choose it"
         )
-    return _in_units(lens, millimeters_per_unit)
+    return in_units(lens, millimeters_per_unit)
 
 
 def stated_unit(options: argparse.Namespace) -> float | None:
@@ -68,21 +68,28 @@ def given_form(options: argparse.Namespace) -> PictureForm:
 
 def given_picture(options: argparse.Namespace) -> dict[str, Any]:
     """Parameters of ``PointSamples.from_image`` that the options give."""
-    return _in_units(_given(options, PICTURE_OPTIONS), stated_unit(options))
+    return in_units(_given(options, PICTURE_OPTIONS), stated_unit(options))
 
 
-def _in_units(values: Mapping[str, Any], millimeters_per_unit: float | None) -> dict[str, Any]:
-    """The values with lengths as numbers, in scene units. Raises ``ValueError`` without a size."""
-    found = dict(values)
-    for name, value in values.items():
-        if isinstance(value, Length):
-            if value.unit is not None and millimeters_per_unit is None:
-                raise ValueError(
-                    f"{name}={value.number:g}{value.unit}: needs the size of a scene unit; say it "
-                    "by --units"
-                )
-            found[name] = value.in_units(millimeters_per_unit or 1.0)
-    return found
+def in_units(values: Mapping[str, Any], millimeters_per_unit: float | None) -> dict[str, Any]:
+    """The values with lengths, or lists of them, as numbers in scene units.
+
+    Raises ``ValueError`` for one with a unit where the size of a scene unit is not known.
+    """
+    return {name: _plain(name, value, millimeters_per_unit) for name, value in values.items()}
+
+
+def _plain(name: str, value: Any, millimeters_per_unit: float | None) -> Any:
+    if isinstance(value, list):
+        return [_plain(name, one, millimeters_per_unit) for one in value]
+    if not isinstance(value, Length):
+        return value
+    if value.unit is not None and millimeters_per_unit is None:
+        raise ValueError(
+            f"{name}={value.number:g}{value.unit}: needs the size of a scene unit; it must be said "
+            "by --units"
+        )
+    return value.in_units(millimeters_per_unit or 1.0)
 
 
 def chooses_focus(options: argparse.Namespace) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import warnings
 from typing import TYPE_CHECKING, Any
 
-from .given import given_form, given_method
+from .._warnings import FocusWarning
+from .given import given_form, given_method, in_units, stated_unit
 from .options import (
     OPTION_NAMES,
     add_denoise,
@@ -19,6 +21,8 @@ from .options import (
     add_sampling,
     add_scene,
     add_variant,
+    f_number,
+    length,
 )
 from .report import Report
 from .taking import (
@@ -87,14 +91,15 @@ def stack_options(command: argparse.ArgumentParser) -> str:
         ("distances", "U", "focused distances in scene units; inf is allowed"),
         ("f-numbers", "N", "aperture numbers, with each of which all distances are focused on"),
     ):
-        group.add_argument(f"--{name}", type=float, nargs="+", metavar=metavar, help=text)
+        kind = length if name == "distances" else f_number
+        group.add_argument(f"--{name}", type=kind, nargs="+", metavar=metavar, help=text)
     group.add_argument(
-        "--near", type=float, metavar="U", dest="nearest",
+        "--near", type=length, metavar="U", dest="nearest",
         help="in place of --distances: the nearest of --count of them, at equal steps of 1/U, in "
         "which circles of confusion change evenly (with a telecentric lens, of U)",
     )  # fmt: skip
     group.add_argument(
-        "--far", type=float, metavar="U", dest="farthest", help="the farthest; inf is allowed"
+        "--far", type=length, metavar="U", dest="farthest", help="the farthest; inf is allowed"
     )
     group.add_argument("--count", type=int, help="how many, 2 at least")
     group.add_argument(
@@ -130,9 +135,14 @@ def stack(options: argparse.Namespace) -> None:
     from ..stacks.foci import Foci, read_table
 
     report = Report(options)
-    ends = options.nearest, options.farthest, options.count
+    # A stack asks for distances where nothing is on purpose.
+    warnings.filterwarnings("ignore", "focus_distance=.*: nothing is there", FocusWarning)
+    unit = stated_unit(options)
+    given = {name: getattr(options, name) for name in ("distances", "nearest", "farthest")}
+    given = in_units({of: value for of, value in given.items() if value is not None}, unit)
+    ends = given.get("nearest"), given.get("farthest"), options.count
     table = None if options.lenses is None else read_table(options.lenses)
-    foci = Foci(options.distances, *ends, options.f_numbers, table)
+    foci = Foci(given.get("distances"), *ends, options.f_numbers, table)
     files = _files(options, len(foci))
     filters = as_filters(options.filter)
     if options.scene.lower().endswith(SCENE):
