@@ -150,7 +150,9 @@ def find_elsewhere(
 
 def link_as_files(app: Sphinx, page: str, source: list[str]) -> None:
     """Pages beside this folder are files here: they are made for reading in the repository."""
-    source[0] = re.sub(r"\]\((?=\.\./(README|CONTRIBUTING)\.md\))", "](path:", source[0])
+    source[0] = re.sub(
+        r"\]\((?=\.\./(README\.md|CONTRIBUTING\.md|notebooks/\w+\.ipynb)\))", "](path:", source[0]
+    )
 
 
 def setup(app: Sphinx) -> None:
