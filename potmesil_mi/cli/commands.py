@@ -84,6 +84,7 @@ def render(options: argparse.Namespace) -> None:
     maps = maps_of(samples, tuple(options.maps))
     picture = focus(
         samples,
+        samples.lens,  # given: a pinhole is meant
         method=opened.method,
         filters=filters or opened.filters,
         rfilter=opened.film.rfilter(),
@@ -164,7 +165,7 @@ def refocus(options: argparse.Namespace) -> None:
     maps = maps_of(samples, tuple(options.maps))
     # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
     alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
-    picture = focus(samples, method=method, filters=filters, alpha=alpha)
+    picture = focus(samples, samples.lens, method=method, filters=filters, alpha=alpha)
     _write(picture, attributes_of_formed(samples, method), options.output, maps, form)
     report.written(options.output, samples)
 

@@ -115,6 +115,7 @@ class FocusIntegrator(WrapperIntegrator):
 
         picture = focus(
             samples.denoised() if self.denoise else samples,
+            samples.lens,  # given: a pinhole is meant
             method=self.method,
             filters=self.filters,
             rfilter=film.rfilter(),
