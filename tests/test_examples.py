@@ -9,10 +9,15 @@ from potmesil_mi._examples import file_of
 from scenes import SCENES
 
 
-def test_every_scene_and_every_motion_is_an_example_with_a_sentence_about_it():
+def test_every_scene_motion_and_recipe_is_an_example_with_a_sentence_about_it():
     scenes = [path.stem for path in SCENES.glob("*.xml")]
-    motions = [f"motions/{path.stem}" for path in SCENES.glob("motions/*.toml")]
-    assert sorted(pm.examples()) == sorted(scenes + motions)
+    others = [
+        f"{folder}/{path.stem}"
+        for folder in ("motions", "recipes")
+        for path in SCENES.glob(f"{folder}/*.toml")
+    ]
+    assert others
+    assert sorted(pm.examples()) == sorted(scenes + others)
     for name, sentence in pm.examples().items():
         assert sentence.endswith("."), name
         assert "\n" not in sentence

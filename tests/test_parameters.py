@@ -20,6 +20,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mitsuba as mi
@@ -909,6 +910,8 @@ def has_nan(value: Any) -> bool:
 def result_of(function, arguments):
     """What a call gives, with all that it gives one after the other."""
     result = function(**arguments)
+    if isinstance(result, Path):  # Before Python 3.13 it is a context manager, too.
+        return result
     if isinstance(result, contextlib.AbstractContextManager):
         with result:
             return None
