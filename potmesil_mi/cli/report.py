@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._files import in_json
 from .._memory import peak_memory
 from .._units import length_text
 
@@ -67,6 +66,8 @@ class Report:
 
     def values(self, values: Mapping[str, Any]) -> None:
         """Print an object as JSON, in which what is infinite is a text."""
+        from .._files import in_json
+
         print(json.dumps(in_json(values), indent=2, ensure_ascii=False))
 
 

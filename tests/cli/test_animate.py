@@ -155,7 +155,7 @@ def test_frames_older_than_what_they_were_made_of_are_told_and_made_anew_if_aske
     assert "--overwrite makes them anew" in told
     assert_same(frames_in(folder), first)
     assert animate(folder, kept, pull, "--overwrite") == 0
-    assert "older" not in capsys.readouterr().err
+    assert "are older than" not in capsys.readouterr().err
     assert not any(picture.any() for picture in frames_in(folder).values())
 
 
