@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
+from .cluster import add_cluster, given_cluster
 from .options import (
     OPTION_NAMES,
     add_denoise,
@@ -33,9 +34,11 @@ from .taking import (
 )
 
 if TYPE_CHECKING:
+    from .._cluster import Cluster
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..stacks.foci import Foci, Lens
+    from ..stacks.forming import Forming
     from ..stacks.layouts import StackFiles
     from ..stacks.plan import StackItem, StackPlan
 
@@ -44,6 +47,7 @@ examples:
   potmesil stack kitchen.samples --near 0.5 --far 10 --count 100 -o 'out/{:04d}.exr' --depth-map
   potmesil stack kitchen.xml --distances 0.5 1 2 inf --f-numbers 1.4 2.8 5.6 -o 'out/{:04d}.png'
   potmesil stack kitchen.samples --lenses lenses.csv -o 'out/{:04d}.exr' --circle-map --shard 3/64
+  potmesil stack kitchen.xml --near 0.5 --far 10 --count 100 -o 'out/{:04d}.exr' --cluster local
   potmesil stack kitchen.xml --distances 0.1 0.15 0.3 0.7 1.5 --layout fod500 -o fod/000000
 
 lenses.csv, for example; a field that is empty is the lens's own:
@@ -108,6 +112,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the pictures, for several machines"
     )
+    add_cluster(command, "each picture")
     command.add_argument(
         "--overwrite", action="store_true", help="make pictures anew that are there already"
     )
@@ -207,9 +212,10 @@ def _of_scene(
     sampling = sampling_for(lens, [item.lens for item in plan.items], opened.sampling)
     if options.normals:
         sampling = dataclasses.replace(sampling, features=True)
-    samples = opened.sampled(options, sampling)
-    session = FocusSession(samples, opened.method)
-    Forming(session, opened.film.rfilter(), opened.has_alpha, filters).do(plan, items)
+    with given_cluster(options, plan.files.folder) as cluster:
+        session = FocusSession(opened.sampled(options, sampling), opened.method)
+        forming = Forming(session, opened.film.rfilter(), opened.has_alpha, filters)
+        _do(forming, plan, items, cluster)
     opened.require_kept()
 
 
@@ -235,10 +241,21 @@ def _of_file(
     items = _to_do(options, plan)
     if items is None:
         return
-    if options.denoise:
-        samples = samples.denoised()
-    alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
-    Forming(FocusSession(samples, method), None, alpha, filters).do(plan, items)
+    with given_cluster(options, plan.files.folder) as cluster:
+        if options.denoise:
+            samples = samples.denoised()
+        alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
+        _do(Forming(FocusSession(samples, method), None, alpha, filters), plan, items, cluster)
+
+
+def _do(forming: Forming, plan: StackPlan, items: list[StackItem], cluster: Cluster | None) -> None:
+    """Form and write the pictures, by a cluster if there is one."""
+    from ..stacks.workers import do_elsewhere
+
+    if cluster is None:
+        forming.do(plan, items)
+    else:
+        do_elsewhere(cluster, forming, plan, items)
 
 
 def _plan(
