@@ -7,6 +7,7 @@ written whole.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import dataclasses
 import itertools
@@ -28,11 +29,14 @@ from ._version import package_version
 LOCAL = "local"
 """The address of a cluster that is started on this machine, and ends with the job."""
 
-SECONDS = 8.0
+SECONDS = 6.0
 """How long is waited for an answer of a cluster."""
 
 IN_FLIGHT = 3
 """Tasks for each worker that are given to the cluster at once: one done, others at hand."""
+
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""Run by local workers: Ctrl-C reaches them, too, but it is the client that ends them."""
 
 INSTALL = "pip install 'potmesil_mi[cluster]'"
 
@@ -153,23 +157,44 @@ def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[C
     from distributed import Client
 
     with contextlib.ExitStack() as stack:
-        # What is raised here is told by what is raised.
+        # What is raised tells all that the log does.
         stack.enter_context(_quiet())
-        where: Any = stack.enter_context(_local()) if address == LOCAL else address
+        if address == LOCAL:
+            where: Any = stack.enter_context(_local())
+        else:
+            _require_answer(address)
+            where = address
+        client = stack.enter_context(Client(where, timeout=SECONDS, set_as_default=False))
         try:
-            client = stack.enter_context(Client(where, timeout=SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=SECONDS)
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, asyncio.TimeoutError):
             raise OSError(
-                f"--cluster {address}: no worker of a Dask cluster answers there within "
-                f"{SECONDS:g} s; must be that of its scheduler, such as tcp://host:8786, or "
-                f"{LOCAL} ({error})"
-            ) from error
+                f"--cluster {address}: has no workers; start some with "
+                f"`dask worker {address} --nthreads 1 --nworkers N`"
+            ) from None
         folder.mkdir(parents=True, exist_ok=True)
         scratch = stack.enter_context(
             tempfile.TemporaryDirectory(prefix=".potmesil-", dir=folder, ignore_cleanup_errors=True)
         )
         yield _cluster(client, address, Path(scratch), variant)
+
+
+def _require_answer(address: str) -> None:
+    """Raise ``OSError`` unless a scheduler answers at an address; Dask's client leaves a mess."""
+    from distributed import Security
+    from distributed.comm import connect
+
+    async def ask() -> None:
+        asked = Security().get_connection_args("client")
+        await (await connect(address, timeout=SECONDS, **asked)).close()
+
+    try:
+        asyncio.run(ask())
+    except Exception as error:
+        raise OSError(
+            f"--cluster {address}: no scheduler of Dask answers there within {SECONDS:g} s; must "
+            f"be such as tcp://host:8786, or {LOCAL} ({error})"
+        ) from None
 
 
 @contextlib.contextmanager
@@ -186,8 +211,9 @@ def _local() -> Iterator[Any]:
         threads_per_worker=1,
         processes=True,
         memory_limit=0,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL,
+        preload=[DEAF],
     ) as cluster:
         yield cluster
 
