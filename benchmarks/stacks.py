@@ -134,8 +134,9 @@ def by_cluster(
         def alone_with(count: int) -> Callable[[], None]:
             def run() -> None:
                 dr.set_thread_count(count)
+                own = pm.FocusSession(session.samples, session.method)
                 with jit.alone():
-                    forming.Forming(session).do(plan, plan.items)
+                    forming.Forming(own).do(plan, plan.items)
                 dr.set_thread_count(threads)
 
             return run

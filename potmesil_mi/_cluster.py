@@ -8,9 +8,10 @@ written whole.
 from __future__ import annotations
 
 import asyncio
+import collections
 import contextlib
+import ctypes
 import dataclasses
-import itertools
 import logging
 import os
 import socket
@@ -37,6 +38,14 @@ IN_FLIGHT = 3
 
 DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """Run by local workers: Ctrl-C reaches them, too, but it is the client that ends them."""
+
+PROFILE = "distributed.worker.profile.enabled"
+"""A setting of Dask by which workers look at the frames of threads again and again: that may wait
+for ever, see :func:`potmesil_mi._backend.evaluates_alone`."""
+
+KEEP_MEMORY = {-1: 1 << 30, -3: 32 << 20}
+"""``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc. As Dask sets the first each array is new
+memory of the system, and a focus takes three times as long."""
 
 INSTALL = "pip install 'potmesil_mi[cluster]'"
 
@@ -109,33 +118,60 @@ class Cluster:
         data = self._sent(file)
         # As a task, and not scattered, it is there again when a worker is lost.
         common = self.client.submit(_same, (run, job), pure=False)
-        left = iter(enumerate(tasks))
-        numbers: dict[Any, int] = {}
+        queues = _Queues(len(tasks), [*self.neighbours])
+        at_work: dict[Any, tuple[int, str]] = {}
 
-        def give(count: int) -> None:
-            for number, task in itertools.islice(left, count):
-                future = self.client.submit(_do, common, data, task, pure=False)
-                numbers[future] = number
-                running.add(future)
+        def give(worker: str) -> None:
+            number = queues.next_of(worker)
+            if number is None:
+                return
+            future = self.client.submit(
+                _do, common, data, tasks[number],
+                workers=[worker], allow_other_workers=True, priority=-number, pure=False,
+            )  # fmt: skip
+            at_work[future] = number, worker
+            running.add(future)
 
         running = as_completed(loop=self.client.loop)
         try:
             report("Pictures", 0.0)
-            give(IN_FLIGHT * len(run.neighbours))
+            for worker in [*self.neighbours] * IN_FLIGHT:
+                give(worker)
             for done, future in enumerate(running, 1):
-                number = numbers.pop(future)
+                number, worker = at_work.pop(future)
                 result = _result(future, names[number])
-                give(1)
+                give(worker)
                 report(names[number], done / len(tasks))
                 yield tasks[number], result
         finally:
-            self.client.cancel([*numbers])
+            self.client.cancel([*at_work])
 
     def _sent(self, file: Path | None) -> Any:
         """What tells the workers of a file: its path, or where they do not see it its bytes."""
         if file is None or self.shared:
             return None if file is None else str(file.resolve())
         return self.client.scatter((file.name, file.read_bytes()), broadcast=True, hash=False)
+
+
+class _Queues:
+    """Numbers of tasks, those of each worker one after the other.
+
+    What tasks that follow each other have in common is so found out by few workers, and not by all.
+    """
+
+    def __init__(self, count: int, workers: Sequence[str]) -> None:
+        ends = [count * i // len(workers) for i in range(len(workers) + 1)]
+        self._left = {
+            worker: collections.deque(range(*ends[i : i + 2])) for i, worker in enumerate(workers)
+        }
+
+    def next_of(self, worker: str) -> int | None:
+        """The next of a worker's own, or else the last of whoever has most; ``None``: none left."""
+        own = self._left[worker]
+        if own:
+            return own.popleft()
+        longest = max(self._left.values(), key=len)
+        return longest.pop() if longest else None
 
 
 def require_extra() -> None:
@@ -203,18 +239,22 @@ def _local() -> Iterator[Any]:
 
     Memory is watched over by :mod:`._memory`; Dask would end workers that it thinks use too much.
     """
+    import dask
     from dask.system import cpu_count
     from distributed import LocalCluster
 
-    with LocalCluster(
-        n_workers=cpu_count(),
-        threads_per_worker=1,
-        processes=True,
-        memory_limit=0,
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.CRITICAL,
-        preload=[DEAF],
-    ) as cluster:
+    with (
+        dask.config.set({PROFILE: False}),
+        LocalCluster(
+            n_workers=cpu_count(),
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=0,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+            preload=[DEAF],
+        ) as cluster,
+    ):
         yield cluster
 
 
@@ -241,9 +281,15 @@ def _cluster(client: Any, address: str, scratch: Path, variant: str | None) -> C
             f"--cluster {address}: its workers must have Python and potmesil_mi "
             f"{package_version()} as this machine has them: {error}"
         ) from error
-    hosts = [host for host, _ in found.values()]
-    neighbours = {worker: hosts.count(host) for worker, (host, _) in found.items()}
-    return Cluster(client, scratch, all(sees for _, sees in found.values()), neighbours, variant)
+    hosts = [host for host, *_ in found.values()]
+    neighbours = {worker: hosts.count(host) for worker, (host, *_) in found.items()}
+    if any(profiled for *_, profiled in found.values()):
+        warnings.warn(
+            f"--cluster {address}: its workers look at what their threads do, which may wait for "
+            "ever; start them with DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False",
+            stacklevel=1,
+        )
+    return Cluster(client, scratch, all(sees for _, sees, _ in found.values()), neighbours, variant)
 
 
 def _result(future: Any, name: str) -> Any:
@@ -258,6 +304,8 @@ def _result(future: Any, name: str) -> Any:
             "the workers that did it were lost, one after the other; perhaps there is not enough "
             "memory for so many on a machine",
         )
+    except asyncio.CancelledError:  # No ``Exception``.
+        return TaskError(name, "the scheduler gave it up, for what it needs was lost with a worker")
     except Exception as error:
         return TaskError(name, str(error) or type(error).__name__)
     for category, text in warned:
@@ -299,13 +347,18 @@ def _same(value: Any) -> Any:
     return value
 
 
-def _sees(path: str, text: str, folder: str) -> tuple[str, bool]:
-    """The machine of a worker, and whether a ``text`` is in a file for it, and a folder there."""
+def _sees(path: str, text: str, folder: str) -> tuple[str, bool, bool]:
+    """The machine of a worker; whether a ``text`` is in a file for it, and a folder there.
+
+    And whether Dask looks at what its threads do.
+    """
     try:
         sees = Path(path).read_text(encoding="utf-8") == text and Path(folder).is_dir()
     except OSError:
         sees = False
-    return socket.gethostname(), sees
+    import dask
+
+    return socket.gethostname(), sees, bool(dask.config.get(PROFILE, False))
 
 
 def _do(common: tuple[_Run, Job], data: Any, task: Any) -> tuple[Any, list[Any]]:
@@ -331,6 +384,9 @@ def _prepare(run: _Run) -> None:
     from dask.system import cpu_count
     from distributed import get_worker
 
+    with contextlib.suppress(AttributeError, OSError):  # Others than glibc have none.
+        for setting, size in KEEP_MEMORY.items():
+            ctypes.CDLL(None).mallopt(setting, size)
     neighbours = run.neighbours.get(get_worker().address, max(run.neighbours.values(), default=1))
     dr.set_thread_count(max(cpu_count() // neighbours, 1))
     if run.variant is not None:

@@ -48,7 +48,7 @@ def kept(tmp_path_factory):
 
 
 def sees_nothing(path, text, folder):
-    return "elsewhere", False
+    return "elsewhere", False, False
 
 
 @pytest.fixture
