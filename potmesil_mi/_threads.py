@@ -12,8 +12,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-MOST_WAITING = 4
-"""Jobs that wait for a thread; one more waits for room."""
+MOST_WAITING = 2
+"""Jobs that wait for a thread, each of which may hold a picture; one more waits for room."""
 
 
 class HostThread(threading.Thread):

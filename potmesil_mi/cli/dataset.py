@@ -205,9 +205,12 @@ class _Opening:
         if self.opened is None or self.scene != (view.name, view.sensor):
             self.opened = None
             # The lens of the sensor must not depend on which view comes first here.
-            views = (one for one in self.views if one.name == view.name)
-            first = next(one for one in views if one.sensor == view.sensor)
-            self.opened = Opened.of(self.options_of(view), first.first_lens())
+            views = [one for one in self.views if one.name == view.name]
+            lenses = [one.first_lens() for one in views if one.sensor == view.sensor]
+            lens = lenses[0]
+            if "half_angle" in lens:
+                lens = {**lens, "half_angle": max(one["half_angle"] for one in lenses)}
+            self.opened = Opened.of(self.options_of(view), lens)
             self.scene = view.name, view.sensor
         if self.opened.motion is not None:
             raise ValueError(f"motion: {view.path} has one, which a data set must not have")

@@ -70,7 +70,7 @@ MAPS = {
         "diameter of the circle of confusion of each pixel, a map a picture",
     ),
     "normals": ("normals", "shading normal in the world of each pixel, once for all pictures"),
-    "pinhole": ("sharp", "the picture of a pinhole, all in focus, once"),
+    "pinhole": ("pinhole", "the picture of a pinhole, all in focus, once"),
 }
 """Options of the maps: what they are called in a plan, and their help."""
 
@@ -92,10 +92,11 @@ def stack_options(command: argparse.ArgumentParser) -> str:
         ("f-numbers", "N", "aperture numbers, with each of which all distances are focused on"),
     ):
         group.add_argument(f"--{name}", type=float, nargs="+", metavar=metavar, help=text)
-    text = "in place of --distances, of --count distances at equal steps of circles of confusion"
     group.add_argument(
-        "--near", type=float, metavar="U", dest="nearest", help=f"the nearest {text}"
-    )
+        "--near", type=float, metavar="U", dest="nearest",
+        help="in place of --distances: the nearest of --count of them, at equal steps of 1/U, in "
+        "which circles of confusion change evenly (with a telecentric lens, of U)",
+    )  # fmt: skip
     group.add_argument(
         "--far", type=float, metavar="U", dest="farthest", help="the farthest; inf is allowed"
     )

@@ -114,13 +114,17 @@ class Foci:
     def first_lens(self) -> dict[str, Any]:
         """How the first lens is focused and opened, as far as that is told of all of them.
 
-        Its other parameters do not matter to the sensor, whose field of view all pictures have.
+        Its other parameters do not matter to the sensor, whose field of view all pictures have. A
+        half-angle is the widest, for samples serve that of the sensor.
         """
         if self.table is not None:
             rows = [one.parameters() if isinstance(one, Lens) else one for one in self.table]
             # What one of them lacks is to be the lens's own.
             told = [name for name in OPENING if all(name in row for row in rows)]
-            return {name: rows[0][name] for name in told}
+            first = {name: rows[0][name] for name in told}
+            if "half_angle" in first:
+                first["half_angle"] = max(row["half_angle"] for row in rows)
+            return first
         focused = self.near if self.distances is None else self.distances[0]
         f_number = self.f_numbers[0] if self.f_numbers else None
         changes = {"focus_distance": focused, "f_number": f_number}

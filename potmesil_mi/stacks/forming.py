@@ -23,7 +23,7 @@ from ..samples.maps import CHANNELS, circles_of, depth_map, normal_map
 from ..samples.point_samples import PointSamples
 from .describing import DEPTH_KIND, METRES, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
-from .layouts import write_depth, write_formed, write_sharp
+from .layouts import write_depth, write_formed, write_pinhole
 from .plan import StackItem, StackPlan
 
 if TYPE_CHECKING:
@@ -82,10 +82,10 @@ class Forming:
         return ends_of_depth(self.samples)
 
     @functools.cached_property
-    def sharp(self) -> np.ndarray:
+    def pinhole(self) -> np.ndarray:
         """The picture that the pinhole takes, all in focus, without special effects."""
         return np.array(
-            self.session.focus(pinhole(self.samples.lens), rfilter=self._picture["rfilter"])
+            self.session.focus(pinhole_of(self.samples.lens), rfilter=self._picture["rfilter"])
         )
 
     def do(self, plan: StackPlan, items: Iterable[StackItem], failed: Failed | None = None) -> None:
@@ -165,7 +165,7 @@ class Forming:
         if self._mapped == set(plan.map_paths().values()):  # by another plan
             return
         self._mapped = set(plan.map_paths().values())
-        lens = pinhole(self.samples.lens)
+        lens = pinhole_of(self.samples.lens)
         said = attributes_of_formed(self.samples, self.session.method, lens)
         if "depth" in plan.maps:
             unit = lens.millimeters_per_unit if isinstance(lens, ThinLens) else 1000.0
@@ -174,9 +174,9 @@ class Forming:
             planes = np.moveaxis(normal_map(self.samples), 2, 0)
             normals = dict(zip(NORMALS, planes, strict=True))
             behind.do(lambda: write_maps(normals, plan.files.normals, said))
-        if "sharp" in plan.maps:
-            sharp = self.sharp
-            behind.do(lambda: write_sharp(sharp, plan.files, said))
+        if "pinhole" in plan.maps:
+            picture = self.pinhole
+            behind.do(lambda: write_pinhole(picture, plan.files, said))
 
     def _in_units(self, lens: Lens) -> Lens:
         """The lens in the samples' units, in which it is used."""
@@ -197,7 +197,7 @@ def _attempted(job: Callable[[], T], what: str, failed: Failed | None) -> T | No
         return None
 
 
-def pinhole(lens: Lens) -> Lens:
+def pinhole_of(lens: Lens) -> Lens:
     """A lens of the same kind that has all in focus."""
     if isinstance(lens, ThinLens):
         return lens.replace(aperture_radius=0.0, aperture="disc", squeeze=1.0, vignetting=0.0)

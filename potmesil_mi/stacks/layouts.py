@@ -54,7 +54,7 @@ class StackFiles:
                                   picture
     ``stack``                     what is told of all of them
     ``depth``, ``normals``,       maps of what the pinhole sees, and its picture, all in focus
-    ``sharp``
+    ``pinhole``
     ``layout``                    by whose names; in ``fod500`` depth is in metres in R, G and B,
                                   and in half precision, in place of scene units in ``Z``, and
                                   pictures have no alpha
@@ -68,7 +68,7 @@ class StackFiles:
     stack: str
     depth: str
     normals: str
-    sharp: str
+    pinhole: str
     layout: LayoutName = "plain"
     form: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -119,7 +119,7 @@ def shared_files(folder: Path, own: Path | None = None) -> dict[str, Any]:
         "stack": str((own or folder) / STACK),
         "depth": str(folder / "depth.exr"),
         "normals": str(folder / "normals.exr"),
-        "sharp": str(folder / "pinhole.exr"),
+        "pinhole": str(folder / "pinhole.exr"),
     }
 
 
@@ -141,7 +141,7 @@ def fod500_files(output: str, count: int) -> StackFiles:
         stack=f"{output}.json",
         depth=f"{output}Dpt.exr",
         normals=f"{output}Nrm.exr",
-        sharp=f"{output}Aif{TIFF}",
+        pinhole=f"{output}Aif{TIFF}",
         layout="fod500",
         form={"bit_depth": "8"},
     )
@@ -152,10 +152,10 @@ def write_formed(image: np.ndarray, index: int, files: StackFiles, said: dict[st
     files.frames().write(index, image[..., :3] if files.layout == "fod500" else image, said)
 
 
-def write_sharp(image: np.ndarray, files: StackFiles, said: dict[str, Any]) -> None:
+def write_pinhole(image: np.ndarray, files: StackFiles, said: dict[str, Any]) -> None:
     """Write the picture of the pinhole, (H, W, 3)."""
     form: Any = files.form if files.layout == "fod500" else {}
-    write_picture(image, files.sharp, said, **form)
+    write_picture(image, files.pinhole, said, **form)
 
 
 def write_depth(

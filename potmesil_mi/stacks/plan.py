@@ -55,7 +55,7 @@ class StackPlan:
     ``how``                       what the samples are of, in ``source``, and how pictures are
                                   formed, as it is told; where it changes pictures are made anew
     ``maps``                      which maps there are: ``depth``, ``circles``, ``normals``; and
-                                  ``sharp``, the picture of the pinhole
+                                  ``pinhole``, the picture of the pinhole
     ``extra``                     what else is told of the stack
     ============================  ==========================================================
     """
@@ -113,7 +113,7 @@ class StackPlan:
 
     def map_paths(self) -> dict[str, Path]:
         """The files of what there is once for all pictures, by the names of ``maps``."""
-        names = ("depth", "normals", "sharp")
+        names = ("depth", "normals", "pinhole")
         return {name: Path(getattr(self.files, name)) for name in names if name in self.maps}
 
     def told_of(self, item: StackItem) -> dict[str, Any]:

@@ -23,10 +23,10 @@ TABLES = ("scenes", "sampling", "cameras", "lens", "apertures", "foci")
 FORM = ("bit_depth", "quality")
 SETTINGS = ("seed", "layout", "endings", "maps", *FORM)
 
-MAPS = ("depth", "circles", "normals", "sharp")
+MAPS = ("depth", "circles", "normals", "pinhole")
 """What there may be beside the pictures."""
 
-DEFAULT_MAPS = ("depth", "circles", "sharp")
+DEFAULT_MAPS = ("depth", "circles", "pinhole")
 
 TURNS = ("pan", "tilt", "swing")
 """Angles by which a camera is turned, in degrees."""
@@ -105,9 +105,11 @@ class View:
     stacks: tuple[StackDraw, ...]
 
     def first_lens(self) -> dict[str, Any]:
-        """How the first lens is focused and opened."""
+        """How the first lens is focused and opened; a half-angle is the widest of all."""
         first = self.stacks[0]
         opened = {name: first.changes[name] for name in OPENINGS if name in first.changes}
+        if "half_angle" in opened:
+            opened["half_angle"] = max(one.changes["half_angle"] for one in self.stacks)
         return {**opened, **first.foci.first_lens()}
 
     def lenses(self, lens: Lens) -> list[Lens]:

@@ -65,7 +65,7 @@ def test_pictures_and_maps_of_samples_are_those_that_python_gives(tmp_path, kept
     assert [one["focus_distance"] for one in told["pictures"]] == [
         lens.focus_distance for lens in pictures.lenses
     ]
-    assert told["maps"] == {"depth": "depth.exr", "sharp": "pinhole.exr"}
+    assert told["maps"] == {"depth": "depth.exr", "pinhole": "pinhole.exr"}
 
 
 def test_a_scene_is_sampled_once_for_the_widest_aperture_and_all_distances(tmp_path, monkeypatch):

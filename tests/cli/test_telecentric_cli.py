@@ -1,5 +1,8 @@
 """The command line before scenes with an orthographic sensor."""
 
+import json
+import math
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -70,3 +73,16 @@ def test_what_does_not_fit_is_refused_by_name(
     output = ["-o", str(tmp_path / "a.png")]
     assert main([command, scene(sensor), *options, *output]) != 0
     assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_stack_of_an_orthographic_scene_goes_by_equal_steps_of_depth(scene, tmp_path):
+    foci = ["--near", "1", "--far", "3", "--count", "3", "--depth-map", "--circle-map", "--pinhole"]
+    output = ["-o", str(tmp_path / "out" / "{}.exr")]
+    assert main(["stack", scene(), "--half-angle", "5", *foci, *output]) == 0
+    told = json.loads((tmp_path / "out" / "stack.json").read_text())
+    assert [one["focus_distance"] for one in told["pictures"]] == [1, 2, 3]
+    assert told["camera"]["pixels_per_unit"] == 8
+    circles = told["pictures"][0]["circle_of_confusion"]
+    assert circles["scale"] == pytest.approx(2 * math.tan(math.radians(5)) * 8)
+    farthest = circles["scale"] * (told["depth"]["farthest"] - 1)
+    assert circles["largest_pixels"] == pytest.approx(farthest)

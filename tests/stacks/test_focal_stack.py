@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import potmesil_mi as pm
-from potmesil_mi.focusing import session as sessions
 from scenes import evenly_spread
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -19,13 +18,13 @@ def samples():
 
 def test_pictures_are_those_of_focus_and_are_formed_when_they_are_asked_for(samples, monkeypatch):
     formed = []
-    form = sessions.form_picture
+    form = pm.FocusSession.focus
 
-    def counted(*arguments):
-        formed.append(arguments[1].focus_distance)
-        return form(*arguments)
+    def counted(session, lens, **options):
+        formed.append(lens.focus_distance)
+        return form(session, lens, **options)
 
-    monkeypatch.setattr(sessions, "form_picture", counted)
+    monkeypatch.setattr(pm.FocusSession, "focus", counted)
     stack = pm.focal_stack(samples, DISTANCES)
     assert len(stack) == 3
     assert formed == []

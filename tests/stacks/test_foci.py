@@ -46,6 +46,8 @@ def test_a_table_has_lenses_and_what_others_have_in_place_of_the_lens_at_hand():
     foci = Foci(table=[other, {"f_number": 8.0, "focus_distance": 3.0}])
     assert foci.lenses(THIN) == [other, THIN.replace(f_number=8.0, focus_distance=3.0)]
     assert foci.first_lens() == {"focus_distance": 2.0, "f_number": 2.0}
+    wider = Foci(table=[{"half_angle": 1.0}, {"half_angle": 3.0}])
+    assert wider.first_lens() == {"half_angle": 3.0}  # for which samples are taken
 
 
 @pytest.mark.parametrize(

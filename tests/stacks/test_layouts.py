@@ -16,7 +16,7 @@ from potmesil_mi.stacks.layouts import fod500_files, plain_files
 from potmesil_mi.stacks.plan import StackPlan
 from scenes import evenly_spread
 
-MAPS = frozenset({"depth", "circles", "sharp"})
+MAPS = frozenset({"depth", "circles", "pinhole"})
 
 
 def read_8_bit(path):

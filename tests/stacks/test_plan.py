@@ -56,7 +56,7 @@ def test_what_is_done_is_not_to_be_done_until_it_is_asked_for_otherwise(tmp_path
 
 
 def test_maps_that_are_not_there_are_lacked_and_made(tmp_path, forming, samples):
-    plan = plan_in(tmp_path, samples.lens, maps=frozenset({"depth", "sharp"}))
+    plan = plan_in(tmp_path, samples.lens, maps=frozenset({"depth", "pinhole"}))
     forming.do(plan, [])
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "depth.exr", "pinhole.exr", "stack.json",
