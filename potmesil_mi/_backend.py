@@ -8,11 +8,13 @@ They are asked for at each use, since a user may change the variant at any time.
 from __future__ import annotations
 
 import _thread
+import contextlib
+import contextvars
 import functools
 import importlib
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -46,6 +48,7 @@ __all__ = [
     "TensorXf",
     "UInt8",
     "UInt32",
+    "alone",
     "evaluates_alone",
     "from_numpy",
     "name",
@@ -81,12 +84,27 @@ USERS_THREADS = "ipykernel.subshell"
 """The module among them whose threads do: they run what the user types."""
 
 
+_alone = contextvars.ContextVar("potmesil_mi_alone", default=False)
+
+
+@contextlib.contextmanager
+def alone() -> Iterator[None]:
+    """Within the block no thread but this one evaluates arrays, as the caller knows."""
+    token = _alone.set(True)
+    try:
+        yield
+    finally:
+        _alone.reset(token)
+
+
 def evaluates_alone() -> bool:
     """Whether no other Python thread may be evaluating arrays now.
 
     Frames of the threads would tell more, but to ask for them while arrays are freed may wait
     for ever.
     """
+    if _alone.get():
+        return True
     known = threading.enumerate()
     unknown = _thread._count() + 1 - len(known)
     own = threading.current_thread()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from .cluster import add_cluster, given_cluster
 from .given import given_form, given_method
 from .options import (
     FileAction,
@@ -32,8 +34,10 @@ from .taking import (
 )
 
 if TYPE_CHECKING:
+    from .._cluster import Cluster
     from ..animation.animation import Animation
     from ..animation.frames import FrameFiles
+    from ..focusing.session import FocusSession
 
 ANIMATE_EXAMPLES = """
 examples:
@@ -73,6 +77,7 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the frames, for several machines"
     )
+    add_cluster(command, "each frame")
     command.add_argument(
         "--overwrite", action="store_true", help="make frames anew that are there already"
     )
@@ -150,7 +155,6 @@ def _of_scene(
 ) -> None:
     """The frames of a scene, sampled as all of the animation needs it."""
     from ..focusing.session import FocusSession
-    from ..samples.formed import attributes_of_formed
 
     if animation.moves:
         _of_moving_scene(options, animation, frames, files)
@@ -160,15 +164,36 @@ def _of_scene(
     if animation.shutter is not None:
         warnings.warn("shutter: has no effect, for neither camera nor shapes move", stacklevel=1)
     sampling = sampling_for(lens, animation.lenses(lens), opened.sampling)
-    session = FocusSession(opened.sampled(options, sampling), opened.method)
     filters = () if animation.filters else opened.filters
-    pictures = animation.pictures(
-        session, frames, filters=filters, rfilter=opened.film.rfilter(), alpha=opened.has_alpha
-    )
-    for frame, picture in pictures:
-        said = attributes_of_formed(session.samples, opened.method, animation.lens_at(lens, frame))
-        files.write(frame, picture, said)
+    with given_cluster(options, _folder(files, frames)) as cluster:
+        session = FocusSession(opened.sampled(options, sampling), opened.method)
+        picture = {"rfilter": opened.film.rfilter(), "alpha": opened.has_alpha}
+        _do(cluster, animation, session, frames, files, filters=filters, **picture)
     opened.require_kept()
+
+
+def _folder(files: FrameFiles, frames: list[int]) -> Path:
+    """Where the first of the frames is written, or else the folder at hand."""
+    return next((path.parent for path in files.of(frames[0])), Path())
+
+
+def _do(
+    cluster: Cluster | None,
+    animation: Animation,
+    session: FocusSession,
+    frames: list[int],
+    files: FrameFiles,
+    **picture: Any,
+) -> None:
+    """Form and write frames of the same samples, by a cluster if there is one."""
+    from ..animation.workers import frames_elsewhere, said_of
+
+    if cluster is not None:
+        frames_elsewhere(cluster, animation, session, frames, files, **picture)
+        return
+    said = said_of(animation, session)
+    for frame, formed in animation.pictures(session, frames, **picture):
+        files.write(frame, formed, said(frame))
 
 
 def _opened(options: argparse.Namespace, animation: Animation) -> Opened:
@@ -187,8 +212,7 @@ def _of_moving_scene(
 ) -> None:
     """The frames of a scene that has samples of its own for each: their seeds differ, too."""
     from .._progress import reported, step_progress
-    from ..focusing.api import focus
-    from ..samples.formed import attributes_of_formed
+    from ..animation.workers import do_frames
     from ..tracing.exposing import require_motions
 
     if options.samples:
@@ -196,27 +220,55 @@ def _of_moving_scene(
             f"samples={options.samples!r}: must not be given where something moves, and each frame "
             "has its own"
         )
-    opened = _opened(options, animation)
+    moving = _Moving(options, animation, files)
+    opened = moving.prepared()
     lens = opened.sensor.lens()
     # What is wrong in a frame is found before the first.
-    lenses = [animation.lens_at(lens, frame) for frame in frames]
+    for frame in frames:
+        animation.lens_at(lens, frame)
     motions = [animation.motion_at(frame) for frame in frames]
     require_motions(opened.scene, opened.sensor, motions)
-    with reported() as report:
+    with given_cluster(options, _folder(files, frames)) as cluster, reported() as report:
+        if cluster is not None:
+            cluster.require_shared("a scene in which something moves")
+            do_frames(cluster, moving, frames, files)
+            return
         for done, frame in enumerate(frames):
-            sampling = sampling_for(lens, [lenses[done]], opened.sampling)
             with step_progress(report, f"Frame {frame}", done, len(frames), within=False):
-                samples = opened.sampled(options, sampling, options.seed + frame, motions[done])
-                picture = focus(
-                    samples,
-                    lenses[done],
-                    method=opened.method,
-                    filters=animation.filters_at(frame) or opened.filters,
-                    rfilter=opened.film.rfilter(),
-                    alpha=opened.has_alpha,
-                )
-            said = attributes_of_formed(samples, opened.method, lenses[done])
-            files.write(frame, picture, said)
+                moving.do(opened, frame)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Moving:
+    """Takes the samples of frames of a scene, forms and writes them: a job for workers, too."""
+
+    options: argparse.Namespace
+    animation: Animation
+    files: FrameFiles
+
+    def prepared(self, file: Path | None = None) -> Opened:
+        """The scene."""
+        return _opened(self.options, self.animation)
+
+    def do(self, prepared: Opened, task: int) -> None:
+        """Make a frame."""
+        from ..focusing.api import focus
+        from ..samples.formed import attributes_of_formed
+
+        opened, options, own = prepared, self.options, prepared.sensor.lens()
+        lens, motion = self.animation.lens_at(own, task), self.animation.motion_at(task)
+        sampling = sampling_for(own, [lens], opened.sampling)
+        samples = opened.sampled(options, sampling, options.seed + task, motion)
+        picture = focus(
+            samples,
+            lens,
+            method=opened.method,
+            filters=self.animation.filters_at(task) or opened.filters,
+            rfilter=opened.film.rfilter(),
+            alpha=opened.has_alpha,
+        )
+        said = attributes_of_formed(samples, opened.method, lens)
+        self.files.write(task, picture, said)
 
 
 def _of_file(
@@ -224,7 +276,6 @@ def _of_file(
 ) -> None:
     """The frames of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
-    from ..samples.formed import attributes_of_formed
 
     require_no_scene_options(options)
     if animation.moves:
@@ -235,10 +286,8 @@ def _of_file(
     method = given_method(options)
     if options.variant is not None:
         set_variant(options.variant)
-    samples = samples_of_file(options.scene, options, animation)
-    if options.denoise:
-        samples = samples.denoised()
-    lens = samples.lens
-    for frame, picture in animation.pictures(FocusSession(samples, method), frames, lens=lens):
-        said = attributes_of_formed(samples, method, animation.lens_at(lens, frame))
-        files.write(frame, picture, said)
+    with given_cluster(options, _folder(files, frames)) as cluster:
+        samples = samples_of_file(options.scene, options, animation)
+        if options.denoise:
+            samples = samples.denoised()
+        _do(cluster, animation, FocusSession(samples, method), frames, files)

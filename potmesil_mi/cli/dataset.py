@@ -6,10 +6,12 @@ import argparse
 import dataclasses
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._warnings import FocusWarning
+from .cluster import add_cluster, given_cluster
 from .options import (
     LENS_OPTIONS,
     SAMPLING_OPTIONS,
@@ -23,6 +25,7 @@ from .stack import how_formed, scene_told
 from .taking import Opened, sampling_for, tell_done
 
 if TYPE_CHECKING:
+    from .._cluster import Cluster
     from ..motion.motion import Motion
     from ..optics.camera import Camera
     from ..stacks.forming import Failed, Forming
@@ -71,6 +74,7 @@ def dataset_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the cameras, for several machines"
     )
+    add_cluster(command, "the stacks of each camera")
     command.add_argument(
         "--overwrite", action="store_true", help="make pictures anew that are there already"
     )
@@ -83,7 +87,6 @@ def dataset_options(command: argparse.ArgumentParser) -> str:
 def dataset(options: argparse.Namespace) -> None:
     """``potmesil dataset``: the samples of each view once, then its stacks."""
     from .._files import require_writable, write_json
-    from .._progress import reported, step_progress
     from ..animation.frames import chosen_frames
     from ..stacks.recipe import Recipe
 
@@ -96,18 +99,16 @@ def dataset(options: argparse.Namespace) -> None:
     chosen = [views[i] for i in chosen_frames(range(len(views)), None, options.shard)]
     folder = Path(options.output)
     write_json(require_writable(folder / INDEX, (".json",)), _told(recipe, views, folder))
-    failures: list[tuple[str, Exception]] = []
-    opening, counts = _Opening(options, recipe, views), [0, 0]
-    with reported() as tell:
-        for done, view in enumerate(chosen):
-            name = f"{view.name}, sensor {view.sensor}, camera {view.camera}"
-            with step_progress(tell, name, done, len(chosen)):
-                try:
-                    found = _do_view(opening, view, folder, lambda *of: failures.append(of))
-                except Exception as error:
-                    failures.append((name, error))
-                else:
-                    counts = [a + b for a, b in zip(counts, found, strict=True)]
+    making = _Making(options, recipe, views, folder)
+    counts, failures = [0, 0], []
+    with given_cluster(options, folder) as cluster:
+        if cluster is None:
+            results = _made(making, chosen)
+        else:
+            results = _made_elsewhere(cluster, making, chosen)
+        for found, failed in results:
+            counts = [a + b for a, b in zip(counts, found, strict=True)]
+            failures += failed
     if counts[0]:
         tell_done(report, "pictures", counts[0], counts[1], [], [])
     made = counts[1] - counts[0]
@@ -119,6 +120,65 @@ def dataset(options: argparse.Namespace) -> None:
             f"{len(failures)} pictures or cameras could not be made, see above; the others are in "
             f"{folder}"
         )
+
+
+Made = tuple[tuple[int, int], list[tuple[str, str]]]
+"""Of a view: how many pictures were there, and there are; what could not be made, and why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Making:
+    """Makes the stacks of views: a job for workers, too."""
+
+    options: argparse.Namespace
+    recipe: Recipe
+    views: list[View]
+    folder: Path
+
+    def prepared(self, file: Path | None = None) -> _Opening:
+        """What opens the scenes."""
+        return _Opening(self.options, self.recipe, self.views)
+
+    def do(self, prepared: _Opening, task: View) -> Made:
+        """Make the stacks of a view."""
+        failures: list[tuple[str, str]] = []
+
+        def failed(what: str, error: Exception) -> None:
+            failures.append((what, str(error)))
+
+        counts = 0, 0
+        try:
+            counts = _do_view(prepared, task, self.folder, failed)
+        except Exception as error:
+            failed(_name_of(task), error)
+        return counts, failures
+
+
+def _made(making: _Making, views: list[View]) -> Iterator[Made]:
+    """Make the stacks of views, one after the other."""
+    from .._progress import reported, step_progress
+
+    opening = making.prepared()
+    with reported() as report:
+        for done, view in enumerate(views):
+            with step_progress(report, _name_of(view), done, len(views)):
+                made = making.do(opening, view)
+            yield made
+
+
+def _made_elsewhere(cluster: Cluster, making: _Making, views: list[View]) -> Iterator[Made]:
+    """Make the stacks of views by a cluster."""
+    from .._cluster import TaskError
+    from .._progress import reported
+
+    cluster.require_shared("a data set")
+    names = [_name_of(view) for view in views]
+    with reported() as report:
+        for _, found in cluster.do(making, views, names, report):
+            if isinstance(found, TaskError):
+                yield (0, 0), [(found.name, found.why)]
+            else:
+                yield found
 
 
 @dataclasses.dataclass
@@ -246,11 +306,9 @@ def _files(recipe: Recipe, view: View, stack: StackDraw, folder: Path) -> StackF
     )
 
 
-def _name_of(view: View, stack: StackDraw) -> str:
-    return (
-        f"{view.name}, sensor {view.sensor}, camera {view.camera}, lens {stack.lens}, aperture "
-        f"{stack.aperture}"
-    )
+def _name_of(view: View, stack: StackDraw | None = None) -> str:
+    name = f"{view.name}, sensor {view.sensor}, camera {view.camera}"
+    return name if stack is None else f"{name}, lens {stack.lens}, aperture {stack.aperture}"
 
 
 def _motion(view: View, camera: Camera) -> Motion | None:

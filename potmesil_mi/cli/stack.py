@@ -8,6 +8,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from .._warnings import FocusWarning
+from .cluster import add_cluster, given_cluster
 from .given import given_form, given_method, in_units, stated_unit
 from .options import (
     OPTION_NAMES,
@@ -114,6 +115,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "--shard", metavar="3/64", help="one of so many parts of the pictures, for several machines"
     )
+    add_cluster(command, "each picture")
     command.add_argument(
         "--overwrite", action="store_true", help="make pictures anew that are there already"
     )
@@ -220,9 +222,10 @@ def _of_scene(
     sampling = sampling_for(lens, [item.lens for item in plan.items], opened.sampling)
     if options.normals:
         sampling = dataclasses.replace(sampling, features=True)
-    samples = opened.sampled(options, sampling)
-    session = FocusSession(samples, opened.method)
-    Forming(session, opened.film.rfilter(), opened.has_alpha, filters).do(plan, items)
+    with given_cluster(options, plan.files.folder) as cluster:
+        session = FocusSession(opened.sampled(options, sampling), opened.method)
+        forming = Forming(session, opened.film.rfilter(), opened.has_alpha, filters)
+        _do(forming, plan, items, cluster)
     opened.require_kept()
     return len(items)
 
@@ -249,11 +252,22 @@ def _of_file(
     items = _to_do(options, plan)
     if items is None:
         return 0
-    if options.denoise:
-        samples = samples.denoised()
-    alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
-    Forming(FocusSession(samples, method), None, alpha, filters).do(plan, items)
+    with given_cluster(options, plan.files.folder) as cluster:
+        if options.denoise:
+            samples = samples.denoised()
+        alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
+        _do(Forming(FocusSession(samples, method), None, alpha, filters), plan, items, cluster)
     return len(items)
+
+
+def _do(forming: Forming, plan: StackPlan, items: list[StackItem], cluster: Cluster | None) -> None:
+    """Form and write the pictures, by a cluster if there is one."""
+    from ..stacks.workers import do_elsewhere
+
+    if cluster is None:
+        forming.do(plan, items)
+    else:
+        do_elsewhere(cluster, forming, plan, items)
 
 
 def _plan(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -28,6 +29,49 @@ class ReconstructionFilter(Protocol):
     def eval(self, x: Any, /) -> Any:
         """Its response at the distances ``x``, in pixels, from the pixel's centre."""
         ...
+
+
+NODES_OF_TABLE = 1 << 16
+"""Steps of a filter's table: between them it errs less than a float of single precision."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TabulatedFilter:
+    """A reconstruction filter as a table, which another process may have; Mitsuba's cannot go.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``box``                       whether it is the mean over the pixel
+    ``extent``                    its radius in pixels
+    ``values``                    its response at equal steps from 0 to the radius
+    ============================  ==========================================================
+    """
+
+    box: bool
+    extent: float
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, rfilter: ReconstructionFilter) -> TabulatedFilter:
+        """The table of a filter."""
+        radius, response = _response(rfilter)
+        return cls(
+            rfilter.is_box_filter(), radius, response(np.linspace(0, radius, NODES_OF_TABLE + 1))
+        )
+
+    def is_box_filter(self) -> bool:
+        """Whether it is the mean over the pixel."""
+        return self.box
+
+    def radius(self) -> float:
+        """Its radius in pixels."""
+        return self.extent
+
+    def eval(self, x: Any, /) -> np.ndarray:
+        """Its response at the distances ``x``, in pixels, from the pixel's centre."""
+        steps = np.linspace(0, self.extent, len(self.values))
+        return np.interp(np.abs(np.array(x)), steps, self.values, right=0.0)
 
 
 class FinePicture(NamedTuple):

@@ -15,6 +15,7 @@ from .._progress import reported, step_progress
 from .._threads import Behind
 from .._version import package_version
 from ..filters.base import FilterFunction
+from ..focusing.film import TabulatedFilter
 from ..focusing.session import FocusSession
 from ..optics.lens import ThinLens
 from ..samples.formed import attributes_of_formed
@@ -65,6 +66,11 @@ class Forming:
         """The samples of which pictures are formed."""
         return self.session.samples
 
+    def picture_elsewhere(self) -> dict[str, Any]:
+        """How pictures are formed, as another process may have it."""
+        rfilter = self._picture["rfilter"]
+        return {**self._picture, "rfilter": rfilter and TabulatedFilter.of(rfilter)}
+
     @functools.cached_property
     def depth(self) -> np.ndarray:
         """The map of their depths."""
@@ -90,8 +96,7 @@ class Forming:
         """
         items = list(items)
         with Behind() as behind, reported() as report:
-            self._do_maps(plan, behind)
-            behind.do(lambda: write_json(Path(plan.files.stack), self.told(plan)))
+            self.do_common(plan, behind)
             for done, item in enumerate(items):
                 what = str(plan.paths(item)[0])
                 with step_progress(report, f"Picture {item.index}", done, len(items)):
@@ -99,6 +104,11 @@ class Forming:
                 if picture is not None:
                     write = functools.partial(self.write, plan, item, picture)
                     behind.do(functools.partial(_attempted, write, what, failed))
+
+    def do_common(self, plan: StackPlan, behind: Behind) -> None:
+        """Form what there is of all pictures of a plan, and have it written ``behind``."""
+        self._do_maps(plan, behind)
+        behind.do(lambda: write_json(Path(plan.files.stack), self.told(plan)))
 
     def form(self, item: StackItem) -> np.ndarray:
         """The picture of an item."""

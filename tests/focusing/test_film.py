@@ -1,12 +1,15 @@
 """The film: what is in focus is filtered by the film's filter, each sample where it is."""
 
+import pickle
+
 import mitsuba as mi
 import numpy as np
 import pytest
 
 import potmesil_mi as pm
+from potmesil_mi.focusing.film import TabulatedFilter
 from potmesil_mi.focusing.moments import legendre, orders, responses
-from scenes import overscanned, synthetic
+from scenes import evenly_spread, overscanned, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -196,3 +199,12 @@ def test_a_bright_light_out_of_focus_ends_where_its_circles_end(method, name, ra
     np.testing.assert_allclose(image, expected, atol=0.6)
     beyond = np.arange(22, 29) > end + radius + rfilter.radius()
     np.testing.assert_allclose(image[beyond], 0.02, atol=0.01)
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_a_filter_as_a_table_forms_the_same_picture(kind):
+    rfilter = mi.load_dict({"type": kind})
+    table = pickle.loads(pickle.dumps(TabulatedFilter.of(rfilter)))
+    samples = evenly_spread((12, 8), 2)
+    found, expected = (np.array(pm.focus(samples, rfilter=of)) for of in (table, rfilter))
+    np.testing.assert_allclose(found, expected, rtol=2e-6, atol=2e-7)

@@ -1,0 +1,420 @@
+"""Jobs of many tasks, done by the worker processes of a Dask cluster.
+
+A worker does one task at a time, with its share of the processors of its machine. The task of a
+worker that is lost is given to another: it must be safe to do it again, as it is where files are
+written whole.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import contextlib
+import ctypes
+import dataclasses
+import logging
+import os
+import socket
+import tempfile
+import threading
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from . import _backend as jit
+from ._progress import ProgressCallback, progress
+from ._version import package_version
+
+LOCAL = "local"
+"""The address of a cluster that is started on this machine, and ends with the job."""
+
+SECONDS = 6.0
+"""How long is waited for an answer of a cluster."""
+
+IN_FLIGHT = 3
+"""Tasks for each worker that are given to the cluster at once: one done, others at hand."""
+
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""Run by local workers: Ctrl-C reaches them, too, but it is the client that ends them."""
+
+PROFILE = "distributed.worker.profile.enabled"
+"""A setting of Dask by which workers look at the frames of threads again and again: that may wait
+for ever, see :func:`potmesil_mi._backend.evaluates_alone`."""
+
+KEEP_MEMORY = {-1: 1 << 30, -3: 32 << 20}
+"""``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc. As Dask sets the first each array is new
+memory of the system, and a focus takes three times as long."""
+
+INSTALL = "pip install 'potmesil_mi[cluster]'"
+
+
+class Job(Protocol):
+    """What tasks have in common. It goes to the workers by ``pickle``."""
+
+    def prepared(self, file: Path | None) -> Any:
+        """What its tasks need; made once in each worker, of the ``file`` that all of them have."""
+
+    def do(self, prepared: Any, task: Any) -> Any:
+        """Do a task; what it returns comes back."""
+
+
+class TaskError(RuntimeError):
+    """A task that could not be done, by its ``name``, and ``why``."""
+
+    def __init__(self, name: str, why: str) -> None:
+        super().__init__(f"{name}: {why}")
+        self.name, self.why = name, why
+
+
+@dataclasses.dataclass
+class Cluster:
+    """The workers of a cluster, as :func:`joined` gives them.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``client``                    Dask's
+    ``scratch``                   a folder that is gone at the end, where output is written
+    ``shared``                    whether all workers see it, by the same name
+    ``neighbours``                how many workers there are on the machine of each
+    ``variant``                   Mitsuba's variant in the workers, ``None``: any
+    ============================  ==========================================================
+    """
+
+    client: Any
+    scratch: Path
+    shared: bool
+    neighbours: Mapping[str, int]
+    variant: str | None = None
+
+    def require_shared(self, what: str) -> None:
+        """Raise ``OSError`` unless the workers see the folder of the output."""
+        if not self.shared:
+            raise OSError(
+                f"--cluster: {what} asks for a disk that all workers share, but they do not see "
+                f"{self.scratch.parent.resolve()}; --shard 3/64 needs none"
+            )
+
+    def do(
+        self,
+        job: Job,
+        tasks: Sequence[Any],
+        names: Sequence[str],
+        report: ProgressCallback,
+        file: Path | None = None,
+    ) -> Iterator[tuple[Any, Any]]:
+        """Do ``tasks``, and yield each of them with what it gave, in the order in which they end.
+
+        ``names`` are theirs. In place of what a task gave there is a :class:`TaskError` where it
+        could not be done. All workers have ``file``, if it is given. ``report`` is told how far
+        the job is. When the iteration ends early what has not begun is not done.
+        """
+        from distributed import as_completed
+
+        folder = os.getcwd() if self.shared else None
+        run = _Run(uuid.uuid4().hex, folder, self.variant, self.neighbours)
+        data = self._sent(file)
+        # As a task, and not scattered, it is there again when a worker is lost.
+        common = self.client.submit(_same, (run, job), pure=False)
+        queues = _Queues(len(tasks), [*self.neighbours])
+        at_work: dict[Any, tuple[int, str]] = {}
+
+        def give(worker: str) -> None:
+            number = queues.next_of(worker)
+            if number is None:
+                return
+            future = self.client.submit(
+                _do, common, data, tasks[number],
+                workers=[worker], allow_other_workers=True, priority=-number, pure=False,
+            )  # fmt: skip
+            at_work[future] = number, worker
+            running.add(future)
+
+        running = as_completed(loop=self.client.loop)
+        try:
+            report("Pictures", 0.0)
+            for worker in [*self.neighbours] * IN_FLIGHT:
+                give(worker)
+            for done, future in enumerate(running, 1):
+                number, worker = at_work.pop(future)
+                result = _result(future, names[number])
+                give(worker)
+                report(names[number], done / len(tasks))
+                yield tasks[number], result
+        finally:
+            self.client.cancel([*at_work])
+
+    def _sent(self, file: Path | None) -> Any:
+        """What tells the workers of a file: its path, or where they do not see it its bytes."""
+        if file is None or self.shared:
+            return None if file is None else str(file.resolve())
+        return self.client.scatter((file.name, file.read_bytes()), broadcast=True, hash=False)
+
+
+class _Queues:
+    """Numbers of tasks, those of each worker one after the other.
+
+    What tasks that follow each other have in common is so found out by few workers, and not by all.
+    """
+
+    def __init__(self, count: int, workers: Sequence[str]) -> None:
+        ends = [count * i // len(workers) for i in range(len(workers) + 1)]
+        self._left = {
+            worker: collections.deque(range(*ends[i : i + 2])) for i, worker in enumerate(workers)
+        }
+
+    def next_of(self, worker: str) -> int | None:
+        """The next of a worker's own, or else the last of whoever has most; ``None``: none left."""
+        own = self._left[worker]
+        if own:
+            return own.popleft()
+        longest = max(self._left.values(), key=len)
+        return longest.pop() if longest else None
+
+
+def require_extra() -> None:
+    """Raise ``ImportError`` that tells what to install where Dask is not."""
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise ImportError(f"--cluster: needs Dask: {INSTALL}") from None
+
+
+@contextlib.contextmanager
+def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[Cluster]:
+    """The cluster at an ``address`` such as ``tcp://host:8786``, or ``local``.
+
+    ``folder`` is where output is written. Raises ``ImportError`` without Dask, and ``OSError`` that
+    tells what is wrong where nobody answers, there are no workers, or these cannot do tasks.
+    """
+    require_extra()
+    from distributed import Client
+
+    with contextlib.ExitStack() as stack:
+        # What is raised tells all that the log does.
+        stack.enter_context(_quiet())
+        if address == LOCAL:
+            where: Any = stack.enter_context(_local())
+        else:
+            _require_answer(address)
+            where = address
+        client = stack.enter_context(Client(where, timeout=SECONDS, set_as_default=False))
+        try:
+            client.wait_for_workers(1, timeout=SECONDS)
+        except (OSError, asyncio.TimeoutError):
+            raise OSError(
+                f"--cluster {address}: has no workers; start some with "
+                f"`dask worker {address} --nthreads 1 --nworkers N`"
+            ) from None
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = stack.enter_context(
+            tempfile.TemporaryDirectory(prefix=".potmesil-", dir=folder, ignore_cleanup_errors=True)
+        )
+        yield _cluster(client, address, Path(scratch), variant)
+
+
+def _require_answer(address: str) -> None:
+    """Raise ``OSError`` unless a scheduler answers at an address; Dask's client leaves a mess."""
+    from distributed import Security
+    from distributed.comm import connect
+
+    async def ask() -> None:
+        asked = Security().get_connection_args("client")
+        await (await connect(address, timeout=SECONDS, **asked)).close()
+
+    try:
+        asyncio.run(ask())
+    except Exception as error:
+        raise OSError(
+            f"--cluster {address}: no scheduler of Dask answers there within {SECONDS:g} s; must "
+            f"be such as tcp://host:8786, or {LOCAL} ({error})"
+        ) from None
+
+
+@contextlib.contextmanager
+def _local() -> Iterator[Any]:
+    """A cluster on this machine, of a worker for each processor.
+
+    Memory is watched over by :mod:`._memory`; Dask would end workers that it thinks use too much.
+    """
+    import dask
+    from dask.system import cpu_count
+    from distributed import LocalCluster
+
+    with (
+        dask.config.set({PROFILE: False}),
+        LocalCluster(
+            n_workers=cpu_count(),
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=0,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+            preload=[DEAF],
+        ) as cluster,
+    ):
+        yield cluster
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Dask's log tells nothing of this process within the block."""
+    logger = logging.getLogger("distributed")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _cluster(client: Any, address: str, scratch: Path, variant: str | None) -> Cluster:
+    """The cluster, when its workers have been asked what they see; they must have this package."""
+    token = uuid.uuid4().hex
+    (scratch / "token").write_text(token, encoding="utf-8")
+    try:
+        found = client.run(_sees, str((scratch / "token").resolve()), token, os.getcwd())
+    except Exception as error:
+        raise OSError(
+            f"--cluster {address}: its workers must have Python and potmesil_mi "
+            f"{package_version()} as this machine has them: {error}"
+        ) from error
+    hosts = [host for host, *_ in found.values()]
+    neighbours = {worker: hosts.count(host) for worker, (host, *_) in found.items()}
+    if any(profiled for *_, profiled in found.values()):
+        warnings.warn(
+            f"--cluster {address}: its workers look at what their threads do, which may wait for "
+            "ever; start them with DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False",
+            stacklevel=1,
+        )
+    return Cluster(client, scratch, all(sees for _, sees, _ in found.values()), neighbours, variant)
+
+
+def _result(future: Any, name: str) -> Any:
+    """What a task gave, or its error; its warnings are given here."""
+    from distributed import KilledWorker
+
+    try:
+        result, warned = future.result()
+    except KilledWorker:
+        return TaskError(
+            name,
+            "the workers that did it were lost, one after the other; perhaps there is not enough "
+            "memory for so many on a machine",
+        )
+    except asyncio.CancelledError:  # No ``Exception``.
+        return TaskError(name, "the scheduler gave it up, for what it needs was lost with a worker")
+    except Exception as error:
+        return TaskError(name, str(error) or type(error).__name__)
+    for category, text in warned:
+        warnings.warn(text, category, stacklevel=1)
+    return result
+
+
+# ---------------------------------------------------------------- in the workers
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """What the workers are told of a run.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``name``                      one of its own
+    ``folder``                    in which tasks are done, ``None`` where the disk is not shared
+    ``variant``                   Mitsuba's
+    ``neighbours``                how many workers there are on the machine of each
+    ============================  ==========================================================
+    """
+
+    name: str
+    folder: str | None
+    variant: str | None
+    neighbours: Mapping[str, int]
+
+
+_working = threading.Lock()
+"""Held by the task that is done: the arrays of Dr.Jit are for one thread at a time."""
+
+_kept: dict[str, Any] = {}
+"""What the last run has prepared in this process, by its name."""
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _sees(path: str, text: str, folder: str) -> tuple[str, bool, bool]:
+    """The machine of a worker; whether a ``text`` is in a file for it, and a folder there.
+
+    And whether Dask looks at what its threads do.
+    """
+    try:
+        sees = Path(path).read_text(encoding="utf-8") == text and Path(folder).is_dir()
+    except OSError:
+        sees = False
+    import dask
+
+    return socket.gethostname(), sees, bool(dask.config.get(PROFILE, False))
+
+
+def _do(common: tuple[_Run, Job], data: Any, task: Any) -> tuple[Any, list[Any]]:
+    """Do a task in a worker; returns what it gave, and its warnings."""
+    run, job = common
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_working)
+        stack.enter_context(jit.alone())
+        stack.enter_context(progress(lambda text, share: None))
+        stack.enter_context(_in_folder(run.folder))
+        warned = stack.enter_context(warnings.catch_warnings(record=True))
+        if run.name not in _kept:
+            _kept.clear()
+            _prepare(run)
+            _kept[run.name] = _prepared(job, data)
+        result = job.do(_kept[run.name], task)
+    return result, [(of.category, str(of.message)) for of in warned]
+
+
+def _prepare(run: _Run) -> None:
+    """Dr.Jit's threads are as many as leave each worker of the machine its own processors."""
+    import drjit as dr
+    from dask.system import cpu_count
+    from distributed import get_worker
+
+    with contextlib.suppress(AttributeError, OSError):  # Others than glibc have none.
+        for setting, size in KEEP_MEMORY.items():
+            ctypes.CDLL(None).mallopt(setting, size)
+    neighbours = run.neighbours.get(get_worker().address, max(run.neighbours.values(), default=1))
+    dr.set_thread_count(max(cpu_count() // neighbours, 1))
+    if run.variant is not None:
+        import mitsuba as mi
+
+        mi.set_variant(*run.variant.split(","))
+
+
+def _prepared(job: Job, data: str | tuple[str, bytes] | None) -> Any:
+    """What the tasks of a job need, of the path of its file, or of its name and bytes."""
+    if not isinstance(data, tuple):
+        return job.prepared(None if data is None else Path(data))
+    with tempfile.TemporaryDirectory() as folder:
+        name, content = data
+        file = Path(folder) / name
+        file.write_bytes(content)
+        return job.prepared(file)
+
+
+@contextlib.contextmanager
+def _in_folder(folder: str | None) -> Iterator[None]:
+    """Relative paths are those of the ``folder`` within the block."""
+    if folder is None:
+        yield
+        return
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
