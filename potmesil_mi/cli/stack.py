@@ -38,9 +38,11 @@ from .taking import (
 )
 
 if TYPE_CHECKING:
+    from .._cluster import Cluster
     from ..filters.base import FilterFunction
     from ..focusing.methods import Method
     from ..stacks.foci import Foci, Lens
+    from ..stacks.forming import Forming
     from ..stacks.layouts import StackFiles
     from ..stacks.plan import StackItem, StackPlan
 
