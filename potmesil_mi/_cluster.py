@@ -14,6 +14,7 @@ import ctypes
 import dataclasses
 import logging
 import os
+import re
 import socket
 import tempfile
 import threading
@@ -21,14 +22,15 @@ import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from . import _backend as jit
 from ._progress import ProgressCallback, progress
 from ._version import package_version
 
-LOCAL = "local"
-"""The address of a cluster that is started on this machine, and ends with the job."""
+LOCAL = re.compile(r"local(?::([1-9]\d{0,3}))?")
+"""The address of a cluster that is started on this machine, and ends with the job: ``local``, or
+``local:4`` for four workers."""
 
 SECONDS = 6.0
 """How long is waited for an answer of a cluster."""
@@ -184,7 +186,7 @@ def require_extra() -> None:
 
 @contextlib.contextmanager
 def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[Cluster]:
-    """The cluster at an ``address`` such as ``tcp://host:8786``, or ``local``.
+    """The cluster at an ``address`` such as ``tcp://host:8786``, or ``local``, or ``local:4``.
 
     ``folder`` is where output is written. Raises ``ImportError`` without Dask, and ``OSError`` that
     tells what is wrong where nobody answers, there are no workers, or these cannot do tasks.
@@ -195,8 +197,9 @@ def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[C
     with contextlib.ExitStack() as stack:
         # What is raised tells all that the log does.
         stack.enter_context(_quiet())
-        if address == LOCAL:
-            where: Any = stack.enter_context(_local())
+        local = LOCAL.fullmatch(address)
+        if local:
+            where: Any = stack.enter_context(_local(int(local[1]) if local[1] else None))
         else:
             _require_answer(address)
             where = address
@@ -229,13 +232,13 @@ def _require_answer(address: str) -> None:
     except Exception as error:
         raise OSError(
             f"--cluster {address}: no scheduler of Dask answers there within {SECONDS:g} s; must "
-            f"be such as tcp://host:8786, or {LOCAL} ({error})"
+            f"be such as tcp://host:8786, local, or local:4 ({error})"
         ) from None
 
 
 @contextlib.contextmanager
-def _local() -> Iterator[Any]:
-    """A cluster on this machine, of a worker for each processor.
+def _local(workers: int | None = None) -> Iterator[Any]:
+    """A cluster on this machine, of so many workers; by default one for each processor.
 
     Memory is watched over by :mod:`._memory`; Dask would end workers that it thinks use too much.
     """
@@ -246,7 +249,7 @@ def _local() -> Iterator[Any]:
     with (
         dask.config.set({PROFILE: False}),
         LocalCluster(
-            n_workers=cpu_count(),
+            n_workers=workers or cpu_count(),
             threads_per_worker=1,
             processes=True,
             memory_limit=0,
@@ -275,21 +278,27 @@ def _cluster(client: Any, address: str, scratch: Path, variant: str | None) -> C
     token = uuid.uuid4().hex
     (scratch / "token").write_text(token, encoding="utf-8")
     try:
-        found = client.run(_sees, str((scratch / "token").resolve()), token, os.getcwd())
+        found = client.run(_tell, str((scratch / "token").resolve()), token, os.getcwd())
     except Exception as error:
         raise OSError(
             f"--cluster {address}: its workers must have Python and potmesil_mi "
             f"{package_version()} as this machine has them: {error}"
         ) from error
-    hosts = [host for host, *_ in found.values()]
-    neighbours = {worker: hosts.count(host) for worker, (host, *_) in found.items()}
-    if any(profiled for *_, profiled in found.values()):
+    for worker, its in found.items():
+        if its.version != package_version():
+            raise OSError(
+                f"--cluster {address}: its worker {worker} has potmesil_mi {its.version}, and this "
+                f"is {package_version()}"
+            )
+    if any(its.profiles for its in found.values()):
         warnings.warn(
             f"--cluster {address}: its workers look at what their threads do, which may wait for "
             "ever; start them with DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False",
             stacklevel=1,
         )
-    return Cluster(client, scratch, all(sees for _, sees, _ in found.values()), neighbours, variant)
+    hosts = [its.host for its in found.values()]
+    neighbours = {worker: hosts.count(its.host) for worker, its in found.items()}
+    return Cluster(client, scratch, all(its.sees for its in found.values()), neighbours, variant)
 
 
 def _result(future: Any, name: str) -> Any:
@@ -347,18 +356,25 @@ def _same(value: Any) -> Any:
     return value
 
 
-def _sees(path: str, text: str, folder: str) -> tuple[str, bool, bool]:
-    """The machine of a worker; whether a ``text`` is in a file for it, and a folder there.
+class _Told(NamedTuple):
+    """What a worker tells: its machine, whether it shares the disk and profiles, the version."""
 
-    And whether Dask looks at what its threads do.
-    """
+    host: str
+    sees: bool
+    profiles: bool
+    version: str
+
+
+def _tell(path: str, text: str, folder: str) -> _Told:
+    """What a worker tells; the disk is shared if a ``text`` is in a file, and a folder there."""
+    import dask
+
     try:
         sees = Path(path).read_text(encoding="utf-8") == text and Path(folder).is_dir()
     except OSError:
         sees = False
-    import dask
-
-    return socket.gethostname(), sees, bool(dask.config.get(PROFILE, False))
+    profiles = bool(dask.config.get(PROFILE, False))
+    return _Told(socket.gethostname(), sees, profiles, package_version())
 
 
 def _do(common: tuple[_Run, Job], data: Any, task: Any) -> tuple[Any, list[Any]]:

@@ -17,7 +17,7 @@ def add_cluster(command: argparse.ArgumentParser, what: str) -> None:
     command.add_argument(
         "--cluster", metavar="ADDRESS",
         help=f"have {what} made by the workers of a Dask cluster, such as tcp://host:8786, or by "
-        "`local` ones; needs pip install 'potmesil_mi[cluster]'",
+        "`local` ones, `local:4` by four; needs pip install 'potmesil_mi[cluster]'",
     )  # fmt: skip
 
 

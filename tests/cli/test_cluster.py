@@ -47,14 +47,13 @@ def kept(tmp_path_factory):
     return str(path)
 
 
-def sees_nothing(path, text, folder):
-    return "elsewhere", False, False
-
-
 @pytest.fixture
-def far_away(monkeypatch):
-    """Workers that share no disk."""
-    monkeypatch.setattr(_cluster, "_sees", sees_nothing)
+def telling(monkeypatch):
+    """Has workers tell what they do not, by the fields of what they tell."""
+    tell = _cluster._tell
+    return lambda **told: monkeypatch.setattr(
+        _cluster, "_tell", lambda *of: tell(*of)._replace(**told)
+    )
 
 
 def require_same(one, other):
@@ -86,15 +85,22 @@ def alone(tmp_path_factory, kept):
 
 
 def test_workers_write_the_files_of_one_process(tmp_path, kept, alone, local, monkeypatch):
-    monkeypatch.setattr(_cluster, "_local", lambda: contextlib.nullcontext(local))
-    assert stack(tmp_path, kept, *FOCI, "--cluster", "local") == 0
+    asked = []
+
+    def started(workers):
+        asked.append(workers)
+        return contextlib.nullcontext(local)
+
+    monkeypatch.setattr(_cluster, "_local", started)
+    assert stack(tmp_path, kept, *FOCI, "--cluster", "local:3") == 0
+    assert asked == [3]
     require_same(tmp_path, alone)
 
 
-@pytest.mark.usefixtures("far_away")
 def test_pictures_of_workers_that_share_no_disk_come_back(
-    tmp_path, kept, alone, address, monkeypatch
+    tmp_path, kept, alone, address, monkeypatch, telling
 ):
+    telling(sees=False)
     written, write = [], Forming.write
     monkeypatch.setattr(Forming, "write", lambda *of: written.append(of[2].index) or write(*of))
     assert stack(tmp_path, kept, *FOCI, "--cluster", address) == 0
@@ -131,14 +137,28 @@ def test_a_data_set_of_workers_is_that_of_one_process(tmp_path, address, capsys)
     assert "8 of 8 pictures are there already and stay" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("far_away")
-def test_scenes_are_for_workers_that_share_a_disk(tmp_path, address, capsys):
+def test_scenes_are_for_workers_that_share_a_disk(tmp_path, address, capsys, telling):
+    telling(sees=False)
     recipe = tmp_path / "recipe.toml"
     recipe.write_text(RECIPE, encoding="utf-8")
     folder = tmp_path / "data"
     assert cli.main(["dataset", str(recipe), "-o", str(folder), "--cluster", address]) == 1
     assert f"--cluster: a data set asks for a disk that all workers share, but they do not see " \
         f"{folder}" in capsys.readouterr().err  # fmt: skip
+
+
+def test_workers_of_another_version_are_refused(tmp_path, kept, address, capsys, telling):
+    telling(version="0.0.9")
+    assert stack(tmp_path, kept, *FOCI, "--cluster", address) == 1
+    assert "has potmesil_mi 0.0.9, and this is" in capsys.readouterr().err
+
+
+def test_workers_that_profile_are_warned_of(tmp_path, kept, address, capsys, telling):
+    telling(profiles=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert stack(tmp_path, kept, "--distances", "2", "--cluster", address) == 0
+    assert "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- from Python
@@ -199,7 +219,13 @@ def test_the_task_of_a_worker_that_is_lost_is_done_by_another(tmp_path, kept, al
 # ---------------------------------------------------------------- without workers
 
 
-@pytest.mark.parametrize("where", ["tcp://127.0.0.1:9", "nonsense"])
+def test_neighbours_go_to_one_worker_until_it_has_none():
+    queues = _cluster._Queues(5, ["a", "b"])
+    found = [queues.next_of(worker) for worker in "abaaba"]
+    assert found == [0, 2, 1, 4, 3, None]
+
+
+@pytest.mark.parametrize("where", ["tcp://127.0.0.1:9", "nonsense", "local:0"])
 def test_an_address_where_nobody_answers_is_named(tmp_path, kept, capsys, monkeypatch, where):
     monkeypatch.setattr(_cluster, "SECONDS", 0.2)
     assert stack(tmp_path, kept, *FOCI, "--cluster", where) == 1
