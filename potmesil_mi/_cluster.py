@@ -13,12 +13,12 @@ import contextlib
 import dataclasses
 import logging
 import os
+import pathlib
 import re
 import tempfile
 import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ._progress import ProgressCallback
@@ -65,7 +65,7 @@ class Cluster:
     """
 
     client: Any
-    scratch: Path
+    scratch: pathlib.Path
     shared: bool
     neighbours: Mapping[str, int]
     variant: str | None = None
@@ -84,7 +84,7 @@ class Cluster:
         tasks: Sequence[Any],
         names: Sequence[str],
         report: ProgressCallback,
-        file: Path | None = None,
+        file: pathlib.Path | None = None,
     ) -> Iterator[tuple[Any, Any]]:
         """Do ``tasks``, and yield each of them with what it gave, in the order in which they end.
 
@@ -128,7 +128,7 @@ class Cluster:
         finally:
             self.client.cancel([*at_work])
 
-    def _sent(self, file: Path | None) -> Any:
+    def _sent(self, file: pathlib.Path | None) -> Any:
         """What tells the workers of a file: its path, or where they do not see it its bytes."""
         if file is None or self.shared:
             return None if file is None else str(file.resolve())
@@ -165,7 +165,7 @@ def require_extra() -> None:
 
 
 @contextlib.contextmanager
-def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[Cluster]:
+def joined(address: str, folder: pathlib.Path, variant: str | None = None) -> Iterator[Cluster]:
     """The cluster at an ``address`` such as ``tcp://host:8786``, or ``local``, or ``local:4``.
 
     ``folder`` is where output is written. Raises ``ImportError`` without Dask, and ``OSError`` that
@@ -195,7 +195,7 @@ def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[C
         scratch = stack.enter_context(
             tempfile.TemporaryDirectory(prefix=".potmesil-", dir=folder, ignore_cleanup_errors=True)
         )
-        yield _cluster(client, address, Path(scratch), variant)
+        yield _cluster(client, address, pathlib.Path(scratch), variant)
 
 
 def _require_answer(address: str) -> None:
@@ -253,7 +253,7 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _cluster(client: Any, address: str, scratch: Path, variant: str | None) -> Cluster:
+def _cluster(client: Any, address: str, scratch: pathlib.Path, variant: str | None) -> Cluster:
     """The cluster, when its workers have been asked what they see; they must have this package."""
     token = uuid.uuid4().hex
     (scratch / "token").write_text(token, encoding="utf-8")
