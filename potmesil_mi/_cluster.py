@@ -10,23 +10,20 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
-import ctypes
 import dataclasses
 import logging
 import os
+import pathlib
 import re
-import socket
 import tempfile
-import threading
 import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
-from . import _backend as jit
-from ._progress import ProgressCallback, progress
+from ._progress import ProgressCallback
 from ._version import package_version
+from ._worker import PROFILE, Job, Run, do, forget, same, tell
 
 LOCAL = re.compile(r"local(?::([1-9]\d{0,3}))?")
 """The address of a cluster that is started on this machine, and ends with the job: ``local``, or
@@ -41,25 +38,7 @@ IN_FLIGHT = 3
 DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """Run by local workers: Ctrl-C reaches them, too, but it is the client that ends them."""
 
-PROFILE = "distributed.worker.profile.enabled"
-"""A setting of Dask by which workers look at the frames of threads again and again: that may wait
-for ever, see :func:`potmesil_mi._backend.evaluates_alone`."""
-
-KEEP_MEMORY = {-1: 1 << 30, -3: 32 << 20}
-"""``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc. As Dask sets the first each array is new
-memory of the system, and a focus takes three times as long."""
-
 INSTALL = "pip install 'potmesil_mi[cluster]'"
-
-
-class Job(Protocol):
-    """What tasks have in common. It goes to the workers by ``pickle``."""
-
-    def prepared(self, file: Path | None) -> Any:
-        """What its tasks need; made once in each worker, of the ``file`` that all of them have."""
-
-    def do(self, prepared: Any, task: Any) -> Any:
-        """Do a task; what it returns comes back."""
 
 
 class TaskError(RuntimeError):
@@ -86,7 +65,7 @@ class Cluster:
     """
 
     client: Any
-    scratch: Path
+    scratch: pathlib.Path
     shared: bool
     neighbours: Mapping[str, int]
     variant: str | None = None
@@ -105,7 +84,7 @@ class Cluster:
         tasks: Sequence[Any],
         names: Sequence[str],
         report: ProgressCallback,
-        file: Path | None = None,
+        file: pathlib.Path | None = None,
     ) -> Iterator[tuple[Any, Any]]:
         """Do ``tasks``, and yield each of them with what it gave, in the order in which they end.
 
@@ -116,10 +95,10 @@ class Cluster:
         from distributed import as_completed
 
         folder = os.getcwd() if self.shared else None
-        run = _Run(uuid.uuid4().hex, folder, self.variant, self.neighbours)
+        run = Run(uuid.uuid4().hex, folder, self.variant, self.neighbours)
         data = self._sent(file)
         # As a task, and not scattered, it is there again when a worker is lost.
-        common = self.client.submit(_same, (run, job), pure=False)
+        common = self.client.submit(same, (run, job), pure=False)
         queues = _Queues(len(tasks), [*self.neighbours])
         at_work: dict[Any, tuple[int, str]] = {}
 
@@ -128,7 +107,7 @@ class Cluster:
             if number is None:
                 return
             future = self.client.submit(
-                _do, common, data, tasks[number],
+                do, common, data, tasks[number],
                 workers=[worker], allow_other_workers=True, priority=-number, pure=False,
             )  # fmt: skip
             at_work[future] = number, worker
@@ -145,10 +124,11 @@ class Cluster:
                 give(worker)
                 report(names[number], done / len(tasks))
                 yield tasks[number], result
+            self.client.run(forget, run.name)
         finally:
             self.client.cancel([*at_work])
 
-    def _sent(self, file: Path | None) -> Any:
+    def _sent(self, file: pathlib.Path | None) -> Any:
         """What tells the workers of a file: its path, or where they do not see it its bytes."""
         if file is None or self.shared:
             return None if file is None else str(file.resolve())
@@ -185,7 +165,7 @@ def require_extra() -> None:
 
 
 @contextlib.contextmanager
-def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[Cluster]:
+def joined(address: str, folder: pathlib.Path, variant: str | None = None) -> Iterator[Cluster]:
     """The cluster at an ``address`` such as ``tcp://host:8786``, or ``local``, or ``local:4``.
 
     ``folder`` is where output is written. Raises ``ImportError`` without Dask, and ``OSError`` that
@@ -215,7 +195,7 @@ def joined(address: str, folder: Path, variant: str | None = None) -> Iterator[C
         scratch = stack.enter_context(
             tempfile.TemporaryDirectory(prefix=".potmesil-", dir=folder, ignore_cleanup_errors=True)
         )
-        yield _cluster(client, address, Path(scratch), variant)
+        yield _cluster(client, address, pathlib.Path(scratch), variant)
 
 
 def _require_answer(address: str) -> None:
@@ -273,12 +253,12 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _cluster(client: Any, address: str, scratch: Path, variant: str | None) -> Cluster:
+def _cluster(client: Any, address: str, scratch: pathlib.Path, variant: str | None) -> Cluster:
     """The cluster, when its workers have been asked what they see; they must have this package."""
     token = uuid.uuid4().hex
     (scratch / "token").write_text(token, encoding="utf-8")
     try:
-        found = client.run(_tell, str((scratch / "token").resolve()), token, os.getcwd())
+        found = client.run(tell, str((scratch / "token").resolve()), token, os.getcwd())
     except Exception as error:
         raise OSError(
             f"--cluster {address}: its workers must have Python and potmesil_mi "
@@ -320,117 +300,3 @@ def _result(future: Any, name: str) -> Any:
     for category, text in warned:
         warnings.warn(text, category, stacklevel=1)
     return result
-
-
-# ---------------------------------------------------------------- in the workers
-
-
-@dataclasses.dataclass(frozen=True)
-class _Run:
-    """What the workers are told of a run.
-
-    ============================  ==========================================================
-    Field                         Meaning
-    ============================  ==========================================================
-    ``name``                      one of its own
-    ``folder``                    in which tasks are done, ``None`` where the disk is not shared
-    ``variant``                   Mitsuba's
-    ``neighbours``                how many workers there are on the machine of each
-    ============================  ==========================================================
-    """
-
-    name: str
-    folder: str | None
-    variant: str | None
-    neighbours: Mapping[str, int]
-
-
-_working = threading.Lock()
-"""Held by the task that is done: the arrays of Dr.Jit are for one thread at a time."""
-
-_kept: dict[str, Any] = {}
-"""What the last run has prepared in this process, by its name."""
-
-
-def _same(value: Any) -> Any:
-    return value
-
-
-class _Told(NamedTuple):
-    """What a worker tells: its machine, whether it shares the disk and profiles, the version."""
-
-    host: str
-    sees: bool
-    profiles: bool
-    version: str
-
-
-def _tell(path: str, text: str, folder: str) -> _Told:
-    """What a worker tells; the disk is shared if a ``text`` is in a file, and a folder there."""
-    import dask
-
-    try:
-        sees = Path(path).read_text(encoding="utf-8") == text and Path(folder).is_dir()
-    except OSError:
-        sees = False
-    profiles = bool(dask.config.get(PROFILE, False))
-    return _Told(socket.gethostname(), sees, profiles, package_version())
-
-
-def _do(common: tuple[_Run, Job], data: Any, task: Any) -> tuple[Any, list[Any]]:
-    """Do a task in a worker; returns what it gave, and its warnings."""
-    run, job = common
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(_working)
-        stack.enter_context(jit.alone())
-        stack.enter_context(progress(lambda text, share: None))
-        stack.enter_context(_in_folder(run.folder))
-        warned = stack.enter_context(warnings.catch_warnings(record=True))
-        if run.name not in _kept:
-            _kept.clear()
-            _prepare(run)
-            _kept[run.name] = _prepared(job, data)
-        result = job.do(_kept[run.name], task)
-    return result, [(of.category, str(of.message)) for of in warned]
-
-
-def _prepare(run: _Run) -> None:
-    """Dr.Jit's threads are as many as leave each worker of the machine its own processors."""
-    import drjit as dr
-    from dask.system import cpu_count
-    from distributed import get_worker
-
-    with contextlib.suppress(AttributeError, OSError):  # Others than glibc have none.
-        for setting, size in KEEP_MEMORY.items():
-            ctypes.CDLL(None).mallopt(setting, size)
-    neighbours = run.neighbours.get(get_worker().address, max(run.neighbours.values(), default=1))
-    dr.set_thread_count(max(cpu_count() // neighbours, 1))
-    if run.variant is not None:
-        import mitsuba as mi
-
-        mi.set_variant(*run.variant.split(","))
-
-
-def _prepared(job: Job, data: str | tuple[str, bytes] | None) -> Any:
-    """What the tasks of a job need, of the path of its file, or of its name and bytes."""
-    if not isinstance(data, tuple):
-        return job.prepared(None if data is None else Path(data))
-    with tempfile.TemporaryDirectory() as folder:
-        name, content = data
-        file = Path(folder) / name
-        file.write_bytes(content)
-        return job.prepared(file)
-
-
-@contextlib.contextmanager
-def _in_folder(folder: str | None) -> Iterator[None]:
-    """Relative paths are those of the ``folder`` within the block."""
-    if folder is None:
-        yield
-        return
-    before = os.getcwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)

@@ -174,7 +174,8 @@ def write_picture(
     require_format([path], bit_depth)
     require_whole("quality", quality, 1, 100)
     depth = bit_depth or BIT_DEPTHS[ending][0]
-    values = np.ascontiguousarray(image, dtype=np.float32)
+    # OpenImageIO takes no array that is not aligned, as one from another process may be.
+    values = np.require(image, np.float32, ["C_CONTIGUOUS", "ALIGNED"])
     if ending in LOSSY:
         values = values[..., :3]
     if depth in ("8", "16"):

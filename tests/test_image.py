@@ -64,6 +64,15 @@ def test_floats_are_kept_bit_for_bit(tmp_path, name, bit_depth, channels):
     np.testing.assert_array_equal(values, picture)
 
 
+def test_a_picture_that_is_not_aligned_in_memory_is_written_like_others(tmp_path):
+    memory = bytearray(1 + 4 * 5 * 3 * 4)
+    image = np.frombuffer(memory, np.float32, offset=1).reshape(4, 5, 3)
+    image[:] = np.linspace(0, 1, image.size).reshape(image.shape)
+    assert not image.flags.aligned
+    write_picture(image, tmp_path / "picture.exr")
+    np.testing.assert_array_equal(stored(tmp_path / "picture.exr")[0], image)
+
+
 def test_what_a_half_cannot_be_is_clipped_and_maps_stay_whole(tmp_path):
     picture = random_picture()
     picture[0, :5, 0] = 65504, 65536, 1e30, np.inf, -1e9

@@ -75,3 +75,16 @@ def test_sums_are_scattered_as_if_the_thread_were_not_there():
     assert not _backend.evaluates_alone()
     go.set()
     other.join()
+
+
+def test_who_knows_that_other_threads_evaluate_nothing_may_say_so():
+    go = threading.Event()
+    other = threading.Thread(target=go.wait)
+    other.start()
+    try:
+        with _backend.alone():
+            assert _backend.evaluates_alone()
+        assert not _backend.evaluates_alone()
+    finally:
+        go.set()
+        other.join()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._cluster import Cluster, Job, TaskError
+from .._cluster import Cluster, TaskError
 from .._progress import reported
+from .._worker import Job
 from ..focusing.film import TabulatedFilter
 from ..focusing.session import FocusSession
 from ..samples.formed import attributes_of_formed

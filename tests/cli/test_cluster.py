@@ -50,9 +50,9 @@ def kept(tmp_path_factory):
 @pytest.fixture
 def telling(monkeypatch):
     """Has workers tell what they do not, by the fields of what they tell."""
-    tell = _cluster._tell
+    tell = _cluster.tell
     return lambda **told: monkeypatch.setattr(
-        _cluster, "_tell", lambda *of: tell(*of)._replace(**told)
+        _cluster, "tell", lambda *of: tell(*of)._replace(**told)
     )
 
 
