@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import contextvars
+import html
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from typing import TypeVar
 
@@ -12,6 +14,9 @@ T = TypeVar("T")
 
 ProgressCallback = Callable[[str, "float | None"], None]
 """Takes what is being done, and the share of it that is done, 0 to 1; ``None``: not known."""
+
+NOTEBOOK_STEP = 0.3
+"""Seconds, at least, until a bar in a notebook is shown, and from one update to the next."""
 
 _callback: contextvars.ContextVar[ProgressCallback | None] = contextvars.ContextVar(
     "potmesil_mi_progress", default=None
@@ -25,7 +30,7 @@ def progress(callback: ProgressCallback | None) -> Iterator[None]:
     It is called with what is being done, such as ``"Sampling"``, and with the share of it that is
     done, from 0 to 1, or ``None`` where that is not known. What it raises ends the job and comes
     out of the function that was called. ``None`` for ``callback`` gives back the default: a bar
-    on standard error if that is a terminal. It holds for the thread it is called in::
+    on standard error if that is a terminal, and below the cell in a notebook. It holds for the thread it is called in::
 
         with pm.progress(lambda text, share: print(text, share)):
             samples = pm.render_samples(scene)
@@ -45,6 +50,9 @@ def reported() -> Iterator[ProgressCallback]:
         yield callback
     elif sys.stderr.isatty():
         with _bar() as show:
+            yield show
+    elif _is_notebook():
+        with _bar_of_notebook() as show:
             yield show
     else:
         yield lambda text, share: None
@@ -136,3 +144,39 @@ def _bar() -> Iterator[ProgressCallback]:
             bar.update(task, description=text, completed=share or 0.0, total=total, refresh=True)
 
         yield show
+
+
+def _is_notebook() -> bool:
+    """Whether this runs in the kernel of a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return type(shell).__name__ == "ZMQInteractiveShell"
+
+
+@contextlib.contextmanager
+def _bar_of_notebook() -> Iterator[ProgressCallback]:
+    """A bar below the cell, of jobs that take a while, which is gone at the end."""
+    from IPython.display import HTML, display
+
+    began = updated = time.monotonic()
+    handle = None
+
+    def show(text: str, share: float | None) -> None:
+        nonlocal updated, handle
+        now = time.monotonic()
+        if now - updated < NOTEBOOK_STEP:
+            return
+        updated = now
+        value, left = "", ""
+        if share:
+            value, left = f' value="{share:.3f}"', f", {(now - began) * (1 / share - 1):.0f} s left"
+        bar = HTML(f"<progress{value}></progress> {html.escape(text)}{left}")
+        if handle is None:
+            handle = display(bar, display_id=True)
+        else:
+            handle.update(bar)
+
+    try:
+        yield show
+    finally:
+        if handle is not None:
+            handle.update(HTML(""))
