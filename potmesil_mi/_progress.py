@@ -30,7 +30,8 @@ def progress(callback: ProgressCallback | None) -> Iterator[None]:
     It is called with what is being done, such as ``"Sampling"``, and with the share of it that is
     done, from 0 to 1, or ``None`` where that is not known. What it raises ends the job and comes
     out of the function that was called. ``None`` for ``callback`` gives back the default: a bar
-    on standard error if that is a terminal, and below the cell in a notebook. It holds for the thread it is called in::
+    on standard error if that is a terminal, and below the cell in a notebook. It holds for the
+    thread it is called in::
 
         with pm.progress(lambda text, share: print(text, share)):
             samples = pm.render_samples(scene)
@@ -56,6 +57,13 @@ def reported() -> Iterator[ProgressCallback]:
             yield show
     else:
         yield lambda text, share: None
+
+
+@contextlib.contextmanager
+def one_bar() -> Iterator[None]:
+    """Let the jobs within the block have one bar, one after the other."""
+    with reported() as report, progress(report):
+        yield
 
 
 @contextlib.contextmanager

@@ -1,3 +1,4 @@
+import contextlib
 import threading
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi import _progress
-from potmesil_mi._progress import reported, track
+from potmesil_mi._progress import one_bar, reported, track
 from scenes import still_life
 
 
@@ -82,6 +83,49 @@ def test_the_bar_takes_shares_and_says_when_none_is_known(monkeypatch, capsys):
         report("looking", None)
         report("counting", 0.5)
     list(track([1, 2], "Counting"))
+
+
+def test_a_bar_is_shown_below_the_cell_of_a_notebook_and_is_gone_at_the_end(monkeypatch):
+    display = pytest.importorskip("IPython.display", reason="needs pip install '.[notebooks]'")
+    shown = []
+
+    class Handle:
+        def update(self, page):
+            shown.append(page.data)
+
+    def displayed(page, display_id):
+        shown.append(page.data)
+        return Handle()
+
+    monkeypatch.setattr(display, "display", displayed)
+    monkeypatch.setattr(_progress, "_is_notebook", lambda: True)
+    times = iter(range(100))
+    monkeypatch.setattr(_progress.time, "monotonic", lambda: next(times))
+    list(track([1, 2], "<Counting>"))
+    assert "<progress></progress> &lt;Counting&gt;" in shown[0]
+    assert 'value="0.500"' in shown[1]
+    assert "2 s left" in shown[1]
+    assert shown[-1] == ""
+    shown.clear()
+    monkeypatch.setattr(_progress.time, "monotonic", lambda: 0.0)
+    list(track([1, 2], "quick"))
+    assert shown == []
+
+
+def test_jobs_may_share_a_bar(monkeypatch):
+    bars = []
+
+    @contextlib.contextmanager
+    def bar():
+        bars.append([])
+        yield lambda text, share: bars[-1].append(text)
+
+    monkeypatch.setattr(_progress, "_bar", bar)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with one_bar():
+        list(track([1], "first"))
+        list(track([1], "second"))
+    assert bars == [["first", "first", "second", "second"]]
 
 
 def test_both_stages_tell_how_far_they_are(variant_llvm):

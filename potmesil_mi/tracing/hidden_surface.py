@@ -16,6 +16,7 @@ import numpy as np
 
 from .._backend import require_vectorised_variant
 from .._memory import require_memory
+from .._progress import one_bar
 from .._validation import require_kind, require_whole, shown
 from ..motion.motion import Motion
 from ..optics.lens import ThinLens
@@ -112,7 +113,7 @@ def render_samples(
         passes = Passes(sensor.sampler(), spp, seed)
         return _sampled(scene, sensor, nested, passes, sampling, sweep)
 
-    with dr.suspend_grad():
+    with dr.suspend_grad(), one_bar():
         if motion is not None:
             spp = spp or sensor.sampler().sample_count()
             return exposed(scene, sensor, motion, spp, seed, sampled)
