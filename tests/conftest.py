@@ -3,6 +3,7 @@
 import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM  # noqa: F401
 
 # isort: split
+import os
 from pathlib import Path
 
 import hypothesis
@@ -36,8 +37,14 @@ def pytest_ignore_collect(collection_path, config):
     return None
 
 
-@pytest.hookimpl(tryfirst=True)  # Before pytest looks at the marks.
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # Before pytest looks at the marks, and after it.
 def pytest_collection_modifyitems(items):
+    mark_quick(items)
+    yield
+    items[:] = longest_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+
+
+def mark_quick(items):
     """Mark what takes milliseconds. What sets a variant compiles kernels and forms pictures."""
     for item in items:
         sets_variant = any(
@@ -46,6 +53,23 @@ def pytest_collection_modifyitems(items):
         is_slow = sets_variant or item.get_closest_marker("slow") is not None
         if may_be_quick(item.path) and not is_slow:
             item.add_marker("quick")
+
+
+def longest_first(items, workers):
+    """What takes longest is begun at once, so that no worker waits for it in the end.
+
+    Each worker begins with a share of the items, in their order, and so with a share of the long.
+    """
+    longest = [item for item in items if item.get_closest_marker("longest")]
+    others = [item for item in items if not item.get_closest_marker("longest")]
+    ordered = []
+    for worker in range(workers):
+        share = len(items) * (worker + 1) // workers - len(ordered)
+        first = longest[worker::workers]
+        rest = max(share - len(first), 0)
+        ordered += first + others[:rest]
+        del others[:rest]
+    return ordered + others
 
 
 hypothesis.settings.register_profile(

@@ -130,10 +130,20 @@ class LensPoints:
 def _dealt(points: np.ndarray, count: int, each: int) -> np.ndarray:
     """Points, ``count`` x ``each`` of (N, 2), dealt out in turn so that each part has its share."""
     points = points[np.arange(count * each) * len(points) // (count * each)]
-    order = np.stack([_shuffled(count, start) for start in range(each)])
-    return np.take_along_axis(points.reshape(each, count, 2), order[..., None], axis=1).swapaxes(
-        0, 1
-    )
+    order = _orders(count, each)[..., None]
+    return np.take_along_axis(points.reshape(each, count, 2), order, axis=1).swapaxes(0, 1)
+
+
+@functools.lru_cache(maxsize=16)
+def _orders(count: int, each: int) -> np.ndarray:
+    """``each`` times the numbers below ``count``, in an order of its own each time.
+
+    They are kept, for they take as long as half of a picture and are few, and so must not be
+    written to.
+    """
+    orders = np.stack([_shuffled(count, seed) for seed in range(each)])
+    orders.flags.writeable = False
+    return orders
 
 
 def _shuffled(count: int, seed: int = 0) -> np.ndarray:

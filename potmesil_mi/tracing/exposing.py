@@ -252,6 +252,8 @@ class _Poses:
         It is that of what is met in the crop window at some times, by how much circles of confusion
         change on it included, or that of the corners of a shape that moves, wherever it is.
         """
+        if exposure.begin == exposure.end:
+            return 0.0
         frames = np.linspace(exposure.begin, exposure.end, STEPS + 1).tolist()
         longest = self._longest_of_corners(frames)
         for frame in np.linspace(exposure.begin, exposure.end, PROBED).tolist():
