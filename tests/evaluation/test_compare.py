@@ -51,6 +51,7 @@ def test_the_noise_floor_is_that_of_the_mean(comparison):
         seed=5000,
         spp=4,
         method="paper",
+        tables=9,
         reference_spp=comparison.reference_spp,
         reference_floor=200,
     )
@@ -194,8 +195,8 @@ PERSPECTIVE = """<scene version="3.0.0"><integrator type="direct"/><emitter type
         ([FIGURE, "-o", "/dev/null/a"], "is in a file, not a folder"),
         ([FIGURE, "--tables", "1"], "tables=1"),
         ([FIGURE, "-D", "res=16", "--sensor", "5"], "sensor=5"),
-        ([FIGURE, "-D", "res=16", "--reference-spp", "1"], "reference_spp=1"),
-        ([FIGURE, "-D", "res=16", "--reference-floor", "inf"], "reference_floor=inf"),
+        ([FIGURE, "-D", "res=16", "--reference-spp", "1"], "--reference-spp=1"),
+        ([FIGURE, "-D", "res=16", "--reference-floor", "inf"], "--reference-floor=inf"),
         ([FIGURE, "-D", "res=16", "--seed", "-1"], "seed=-1"),
         ([FIGURE, "-D", "res=16", "--budget", "-1"], r"budget=-1\.0"),
         ([FIGURE, "-D", "res=8"], "8x8 pixels, must have at least 11x11"),
@@ -216,7 +217,7 @@ def test_an_error_is_one_line_with_exit_code_1_and_no_file(tmp_path, capsys, arg
 def test_a_perspective_scene_is_compared_through_the_lens_of_the_options(tmp_path, capsys):
     scene = tmp_path / "scene.xml"
     scene.write_text(PERSPECTIVE.format(20))
-    lens = ["--f-number", "2", "--focus-distance", "1.2", "--method", "paper"]
+    lens = ["--f-number", "2", "--focus-distance", "1.2", "--method", "paper", "--tables", "9"]
     assert cli.main(["compare", str(scene), *lens, "--spp", "2", "--reference-spp", "8"]) == 0
     assert "f/2, focused at 1.2" in capsys.readouterr().out
 
