@@ -73,7 +73,8 @@ def installed(built, tmp_path_factory):
     run([*pip, "install", "--no-deps", "--target", str(target), str(built[1])])
     path = f"{target / 'bin'}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PYTHONPATH": str(target), "PATH": path}
-    environment.pop("PYTEST_ADDOPTS", None)
+    for name in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
+        environment.pop(name, None)
     return target, environment
 
 

@@ -256,6 +256,7 @@ class Animation(Moves):
         require_kind("session", session, kinds, "a FocusSession, or PointSamples")
         if not isinstance(session, FocusSession):
             session = FocusSession(session)
+        session.accept_any_focus()
         frames = self.frames if frames is None else frames
         require_kind("frames", frames, Iterable, "numbers of frames")
         chosen = list(frames)

@@ -44,7 +44,7 @@ RENDER_EXAMPLES = """
 examples:
   potmesil render example:figure11 -D res=128 -D focus_distance=290 -o sphere.exr -o sphere.png
   potmesil render example:figure11 -D res=128 --f-number 2.8 -o wide.png --samples wide.samples
-  potmesil render example:moving -D res=96 --motion example:motions/ball -o ball.png
+  potmesil render example:moving -D res=128 --motion example:motions/ball -o ball.png
 
 A potmesil sensor is rendered through its lens, a thinlens with its aperture and focus, and a
 perspective, which has no lens, with the one that the options describe; the field of view stays. An
@@ -102,12 +102,12 @@ def render(options: argparse.Namespace) -> None:
 
 FOCUS_EXAMPLES = """
 examples:
-  potmesil render example:figure11 -D res=192 -o cube.png --samples figure11.samples
+  potmesil render example:figure11 -D res=128 -o cube.png --samples figure11.samples
   potmesil focus figure11.samples --focus-distance 980 -o far.png
   potmesil focus figure11.samples --f-number 8 --method paper --tables 99 -o sharper.exr
   potmesil focus figure11.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
 
-  potmesil render example:figure10 -D res=192 --maps depth -o sharp.exr -o sharp.png
+  potmesil render example:figure10 -D res=128 --maps depth -o sharp.exr -o sharp.png
   potmesil focus sharp.exr --f-number 5.6 --focus-distance 290 -o near.png
   potmesil focus sharp.png --depth sharp.exr --depth-kind z --fov 36 --f-number 4 \\
     --focus-distance 550 --millimeters-per-unit 1 -o middle.png

@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._warnings import FocusWarning
 from .cluster import add_cluster, given_cluster
 from .options import (
     LENS_OPTIONS,
@@ -90,8 +88,6 @@ def dataset(options: argparse.Namespace) -> None:
     from ..animation.frames import chosen_frames
     from ..stacks.recipe import Recipe
 
-    # A data set asks for foci where nothing is on purpose.
-    warnings.filterwarnings("ignore", "focus_distance=.*: nothing is there", FocusWarning)
     report = Report(options)
     recipe = Recipe.load(options.recipe)
     _require_sampling(options.recipe, recipe)

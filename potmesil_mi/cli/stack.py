@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import warnings
 from typing import TYPE_CHECKING, Any
 
-from .._warnings import FocusWarning
 from .cluster import add_cluster, given_cluster
 from .given import given_form, given_method, in_units, stated_unit
 from .options import (
@@ -139,8 +137,6 @@ def stack(options: argparse.Namespace) -> None:
     from ..stacks.foci import Foci, read_table
 
     report = Report(options)
-    # A stack asks for distances where nothing is on purpose.
-    warnings.filterwarnings("ignore", "focus_distance=.*: nothing is there", FocusWarning)
     unit = stated_unit(options)
     given = {name: getattr(options, name) for name in ("distances", "nearest", "farthest")}
     given = in_units({of: value for of, value in given.items() if value is not None}, unit)

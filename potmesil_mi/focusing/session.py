@@ -25,6 +25,7 @@ from ..optics.telecentric import (
     require_fitting,
 )
 from ..optics.usable import require_usable_lens
+from ..samples.circles import FOCUS
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
@@ -104,6 +105,10 @@ class FocusSession:
         return form_picture(
             self.samples, lens, self.method, self._memo, psf, rfilter, alpha, filters
         )
+
+    def accept_any_focus(self) -> None:
+        """Give no warning of a focus where nothing is, as where one sweeps over all distances."""
+        self._memo.warned_of.add(FOCUS)
 
     @property
     def max_bytes(self) -> int:

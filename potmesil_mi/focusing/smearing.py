@@ -43,8 +43,7 @@ def smeared(parts: Sequence[Fragments]) -> Fragments:
         for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
             dr.scatter_reduce(op, ends, of.bin, of.place, lit, mode=dr.ReduceMode.Direct)
 
-    _pass(parts, reach)
-    dr.eval(nearest, farthest)
+    _pass(parts, reach, nearest, farthest)
     has_alpha = first.values.shape[1] > SHARE + 1
     light = dr.zeros(jit.Float, 4 * SLOTS * size)
     alpha = dr.zeros(jit.Float, SLOTS * size) if has_alpha else None
@@ -61,8 +60,7 @@ def smeared(parts: Sequence[Fragments]) -> Fragments:
         if alpha is not None:
             dr.scatter_add(alpha, of.alpha * of.share, there, lit, mode=mode)
 
-    _pass(parts, add)
-    dr.eval(light, vergence, alpha)
+    _pass(parts, add, light, vergence, alpha)
     return _found(first, light, alpha, vergence)
 
 
@@ -77,8 +75,12 @@ class _Passing(NamedTuple):
     alpha: jit.Float
 
 
-def _pass(parts: Sequence[Fragments], scatter: Callable[[_Passing], None]) -> None:
-    """Have ``scatter`` see what passes each subpixel.
+def _pass(
+    parts: Sequence[Fragments],
+    scatter: Callable[[_Passing], None],
+    *sums: jit.Float | jit.UInt32 | None,
+) -> None:
+    """Have ``scatter`` see what passes each subpixel, and add it to the ``sums``.
 
     Along the longer side of its path a fragment passes subpixels one by one, and lies between two
     of them across.
@@ -94,6 +96,8 @@ def _pass(parts: Sequence[Fragments], scatter: Callable[[_Passing], None]) -> No
             return (at + 1,)
 
         dr.while_loop((-path.reach,), lambda at, path=path: at <= path.reach, step)
+        # One kernel for each part: one for all of them would take minutes to compile.
+        dr.eval(sums)
 
 
 class _Path(NamedTuple):

@@ -29,6 +29,9 @@ NEARER = np.array([0.9, 0.3, 0.02])
 BEYOND = np.array([0.02, 0.2, 0.9])
 """Linear colours of what is sharp, nearer than the focus, and beyond it."""
 
+FOCUS, EVERYTHING = "focus", "sharp"
+"""What :func:`advice` is about: where the lens is focused, and that nothing is blurred."""
+
 SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
 
@@ -170,7 +173,7 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
     within = f"{length_text(near, per_unit)} to {length_text(far, per_unit)}"
     beyond = focus > far * (1 + SLACK) and not (math.isinf(focus) and depths.has_sky)
     if focus < near * (1 - SLACK) or beyond:
-        found["focus"] = (
+        found[FOCUS] = (
             f"focus_distance={focus:g}: nothing is there; what is in sight is at {within}. "
             "--focus-at X,Y and --focus-on NAME, pm.focus_distance_at and pm.focus_distance_of "
             "tell how far away a thing is"
@@ -178,7 +181,7 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
     largest = largest_circle(depths, lens, camera)
     if largest < EVERYTHING_SHARP:
         unit = f", and a scene unit is taken for {per_unit:g} mm (--units, millimeters_per_unit)"
-        found["sharp"] = (
+        found[EVERYTHING] = (
             f"everything is sharp: the largest circle of confusion is {largest:.2g} pixels. The "
             f"scene is at {within}{unit if isinstance(lens, ThinLens) else ''}; a wider aperture "
             "blurs more"

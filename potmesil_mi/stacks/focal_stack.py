@@ -38,6 +38,7 @@ class FocalStack:
         self.session = session
         self.lenses = tuple(lenses)
         self._picture = picture
+        session.accept_any_focus()
 
     def __len__(self) -> int:
         return len(self.lenses)

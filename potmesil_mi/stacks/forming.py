@@ -58,6 +58,7 @@ class Forming:
         filters: tuple[FilterFunction, ...] = (),
     ) -> None:
         self.session = session
+        session.accept_any_focus()
         self._picture: dict[str, Any] = {"rfilter": rfilter, "alpha": alpha, "filters": filters}
         self._mapped: set[Path] = set()
 

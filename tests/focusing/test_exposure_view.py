@@ -2,6 +2,7 @@
 
 import functools
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -165,3 +166,19 @@ def test_the_parts_of_an_exposure_are_looked_at_by_their_own_lens_points():
         np.testing.assert_allclose(np.sort(part.times), (np.arange(16) + 0.5) / 16 - 0.5)
     every = np.concatenate([part.points for part in parts])
     np.testing.assert_allclose(every.mean(axis=0), 0, atol=0.05)
+
+
+def test_many_instants_compile_no_more_than_few(variant_llvm):
+    def operations(instants):
+        """Those of the largest kernel of a first focus."""
+        count = 300
+        rng = np.random.default_rng(2)
+        time = np.sort(rng.integers(instants, size=count) / instants).astype(np.float32)
+        motion = rng.normal(0, 0.5, (count, 3)).astype(np.float32) * (1, 1, 0)
+        samples = synthetic(count, time=time, motion=motion)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            pm.focus(samples)
+            return max(kernel.get("operation_count", 0) for kernel in dr.kernel_history())
+
+    assert operations(24) == operations(3)

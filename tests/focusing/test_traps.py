@@ -27,6 +27,14 @@ def test_a_sharp_picture_is_told_and_once_for_the_samples():
     pm.focus(samples, lens.replace(f_number=32))
 
 
+def test_whoever_sweeps_over_all_distances_is_not_told_of_those_where_nothing_is():
+    samples = blurred()
+    far = [1.0, 9.0]
+    assert len([*pm.focal_stack(samples, far)]) == 2
+    with pytest.warns(pm.FocusWarning, match="focus_distance=9: nothing is there"):
+        pm.focus(samples, samples.lens.replace(focus_distance=9))
+
+
 def test_samples_of_a_pinhole_without_a_lens_are_told():
     samples = pm.render_samples(still_life(spp=1), spp=1)
     pinhole = samples.replace(lens=samples.lens.replace(f_number=float("inf")))

@@ -5,6 +5,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi._version import package_version
+from potmesil_mi.samples.provenance import widest_of
 from potmesil_mi.tracing.provenance import plugin_name
 from scenes import still_life
 
@@ -19,8 +20,8 @@ def test_an_integrator_is_called_what_scenes_call_it(name):
 def test_samples_say_by_what_they_were_taken():
     scene = still_life()
     sampling = pm.Sampling(refine=0, layers=1, overscan=0, focus_range=(1, 3), virtual_depth=False)
-    found = pm.render_samples(scene, spp=2, seed=7, sampling=sampling).provenance
-    assert found == {
+    samples = pm.render_samples(scene, spp=2, seed=7, sampling=sampling)
+    assert samples.provenance == {
         "version": package_version(),
         "mitsuba": mi.__version__,
         "variant": mi.variant(),
@@ -33,4 +34,5 @@ def test_samples_say_by_what_they_were_taken():
         "overscan": 0,
         "focus_range": "1.0/3.0",
         "virtual_depth": 0,
+        **widest_of(samples.lens),
     }
