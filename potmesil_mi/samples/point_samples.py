@@ -273,13 +273,13 @@ class PointSamples(Columns):
     def hidden_to_visible(self) -> float:
         """How much is hidden from the pinhole, for each of what it sees, by weight.
 
-        Hidden twins do not count, whose like is visible, nor what is seen in windows from elsewhere
-        in the lens, which is known of it.
+        Twins do not count, whose like is visible, nor what windows show to the rest of the lens.
         """
-        sums = np.zeros(2)
+        sums = [0.0, 0.0]
         for part in parts_of(len(self)):
-            layer, weight = self.layer[part], self.weight[part].astype(np.float64)
-            sums += weight[(layer > 0) & (layer < TWINS)].sum(), weight[layer == 0].sum()
+            layer, weight = self.layer[part], self.weight[part]
+            for i, which in enumerate(((layer > 0) & (layer < TWINS), layer == 0)):
+                sums[i] += weight[which].sum(dtype=np.float64)
         return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
 
     @property
