@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .cluster import add_cluster, given_cluster
+from .cluster import add_many, given_cluster
 from .given import given_form, given_method
 from .options import (
     FileAction,
@@ -74,13 +74,7 @@ def animate_options(command: argparse.ArgumentParser) -> str:
     )  # fmt: skip
     add_form(command)
     command.add_argument("--frames", metavar="10-20", help="which frames (default: all)")
-    command.add_argument(
-        "--shard", metavar="3/64", help="one of so many parts of the frames, for several machines"
-    )
-    add_cluster(command, "each frame")
-    command.add_argument(
-        "--overwrite", action="store_true", help="make frames anew that are there already"
-    )
+    add_many(command, "each frame", "frames", "frames")
     add_variant(command)
     add_samples(command)
     add_denoise(command, "what the scene's integrator says")

@@ -1,4 +1,4 @@
-"""The option ``--cluster`` of commands that make many pictures."""
+"""Options of commands that make many pictures, and the cluster that one of them names."""
 
 from __future__ import annotations
 
@@ -12,13 +12,22 @@ if TYPE_CHECKING:
     from .._cluster import Cluster
 
 
-def add_cluster(command: argparse.ArgumentParser, what: str) -> None:
-    """Add the option; ``what`` there is one task for."""
+def add_many(command: argparse.ArgumentParser, task: str, many: str, made: str) -> None:
+    """Add the options of a command that makes ``many`` things, and has a ``task`` for each.
+
+    What it has ``made`` stays, unless it is asked for anew.
+    """
+    command.add_argument(
+        "--shard", metavar="3/64", help=f"one of so many parts of the {many}, for several machines"
+    )
     command.add_argument(
         "--cluster", metavar="ADDRESS",
-        help=f"have {what} made by the workers of a Dask cluster, such as tcp://host:8786, or by "
+        help=f"have {task} made by the workers of a Dask cluster, such as tcp://host:8786, or by "
         "`local` ones, `local:4` by four; needs pip install 'potmesil_mi[cluster]'",
     )  # fmt: skip
+    command.add_argument(
+        "--overwrite", action="store_true", help=f"make {made} anew that are there already"
+    )
 
 
 @contextlib.contextmanager

@@ -28,7 +28,7 @@ from .options import (
     millimeters,
 )
 from .report import Report, console
-from .taking import Opened, samples_of_file, scene_with_lens, set_variant
+from .taking import Opened, samples_of_file, scene_with_lens, set_variant, shows_coverage
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -155,7 +155,6 @@ def refocus(options: argparse.Namespace) -> None:
             set_variant(options.variant)
         from ..focusing import layered  # noqa: F401
         from ..focusing.api import focus
-        from ..samples.files import holds_samples
         from ..samples.formed import attributes_of_formed
         from ..samples.maps import maps_of
 
@@ -163,8 +162,7 @@ def refocus(options: argparse.Namespace) -> None:
     if options.denoise:
         samples = samples.denoised()
     maps = maps_of(samples, tuple(options.maps))
-    # Samples have no alpha in pictures here, as the film of a scene says; a picture may have one.
-    alpha = not holds_samples(options.samples) and bool((samples.alpha < 1).any())
+    alpha = shows_coverage(options.samples, samples)
     picture = focus(samples, samples.lens, method=method, filters=filters, alpha=alpha)
     _write(picture, attributes_of_formed(samples, method), options.output, maps, form)
     report.written(options.output, samples)

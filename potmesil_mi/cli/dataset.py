@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .cluster import add_cluster, given_cluster
+from .cluster import add_many, given_cluster
 from .options import (
     LENS_OPTIONS,
     SAMPLING_OPTIONS,
@@ -69,13 +69,7 @@ def dataset_options(command: argparse.ArgumentParser) -> str:
     command.add_argument(
         "-o", "--output", metavar="FOLDER", required=True, help="where it is written"
     )
-    command.add_argument(
-        "--shard", metavar="3/64", help="one of so many parts of the cameras, for several machines"
-    )
-    add_cluster(command, "the stacks of each camera")
-    command.add_argument(
-        "--overwrite", action="store_true", help="make pictures anew that are there already"
-    )
+    add_many(command, "the stacks of each camera", "cameras", "pictures")
     add_variant(command)
     add_denoise(command, "what the scenes' integrators say")
     add_method(command)

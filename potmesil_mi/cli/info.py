@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 from typing import TYPE_CHECKING, Any
 
-from .._units import length_text
 from .options import add_lens, add_picture, add_scene, add_variant
-from .report import Report, about_picture, console
+from .report import Report, about_picture, console, said_length
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def info(options: argparse.Namespace) -> None:
     if options.scene.lower().endswith(SCENE):
         scene, sensor = scene_with_lens(options, {"f_number": math.inf})
         samples = probed(scene, sensor, options.spp)
-        found = {**about(samples), "sampling_bytes": _memory_of_sampling(scene, sensor)}
+        found = {**about(samples), "sampling_bytes": _memory_of_sampling(scene, sensor, samples)}
     else:
         samples = samples_of_file(options.scene, options)
         found = {**about(samples), **_about_samples(samples)}
@@ -107,16 +107,14 @@ def _about_samples(samples: PointSamples) -> dict[str, Any]:
     return {**found, "provenance": widest}
 
 
-def _memory_of_sampling(scene: mi.Scene, sensor: mi.Sensor) -> int:
+def _memory_of_sampling(scene: mi.Scene, sensor: mi.Sensor, samples: PointSamples) -> int:
     """Bytes that sampling takes, as often as the scene says, without what is around the film."""
-    from ..samples.raster import Window
     from ..tracing.memory import memory_of_sampling
     from ..tracing.onward import has_specular
     from ..tracing.sampling import Sampling
 
     sampling = getattr(scene.integrator(), "sampling", Sampling())
-    film, spp = sensor.film(), int(sensor.sampler().sample_count())
-    crop = Window(*(int(n) for n in (*film.crop_offset(), *film.crop_size())))
+    crop, spp = samples.crop_window, int(sensor.sampler().sample_count())
     return round(memory_of_sampling(crop, crop, spp, sampling, has_specular(scene)))
 
 
@@ -126,13 +124,7 @@ def _print(source: str, found: dict[str, Any]) -> None:
     from rich.table import Table
 
     unit = found.get("millimeters_per_unit")
-
-    def length(value: float | None) -> str:
-        if value is None:
-            return "-"
-        if math.isinf(value):
-            return "infinity"
-        return f"{value:.4g}" if unit is None else length_text(value, unit)
+    length = functools.partial(said_length, unit=unit)
 
     facts = {"picture": f"{found['width']}x{found['height']} pixels, {found['projection']}"}
     if "x_fov" in found:

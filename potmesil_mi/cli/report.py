@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 import sys
@@ -99,13 +100,7 @@ def about_picture(samples: PointSamples, lens: Any) -> dict[str, Any]:
 
 def sentence(about: Mapping[str, Any]) -> str:
     """What :func:`about_picture` tells, in words."""
-    unit = about.get("millimeters_per_unit")
-
-    def length(value: float) -> str:
-        if math.isinf(value):
-            return "infinity"
-        return f"{value:.4g}" if unit is None else length_text(value, unit)
-
+    length = functools.partial(said_length, unit=about.get("millimeters_per_unit"))
     aperture = (
         f"f/{about['f_number']:.3g}" if "f_number" in about else f"{about['half_angle']:g} degrees"
     )
@@ -115,3 +110,12 @@ def sentence(about: Mapping[str, Any]) -> str:
         f"{length(about['sharp_from'])} to {length(about['sharp_to'])}, circles up to "
         f"{circle:.{1 if circle < 10 else 0}f} pixels"
     )
+
+
+def said_length(value: float | None, unit: float | None) -> str:
+    """A length in words, of scene units of so many millimetres; ``None`` where nothing is known."""
+    if value is None:
+        return "-"
+    if math.isinf(value):
+        return "infinity"
+    return f"{value:.4g}" if unit is None else length_text(value, unit)

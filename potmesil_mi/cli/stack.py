@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from .cluster import add_cluster, given_cluster
+from .cluster import add_many, given_cluster
 from .given import given_form, given_method, in_units, stated_unit
 from .options import (
     OPTION_NAMES,
@@ -31,6 +31,7 @@ from .taking import (
     samples_of_file,
     sampling_for,
     set_variant,
+    shows_coverage,
     source_of,
     tell_done,
 )
@@ -112,13 +113,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
         "--layout", choices=LAYOUTS, default=LAYOUTS[0],
         help="names and forms of the files: plain (default), or fod500, that of DefocusNet's data",
     )  # fmt: skip
-    command.add_argument(
-        "--shard", metavar="3/64", help="one of so many parts of the pictures, for several machines"
-    )
-    add_cluster(command, "each picture")
-    command.add_argument(
-        "--overwrite", action="store_true", help="make pictures anew that are there already"
-    )
+    add_many(command, "each picture", "pictures", "pictures")
     add_form(command)
     add_variant(command)
     add_samples(command)
@@ -236,7 +231,6 @@ def _of_file(
 ) -> int:
     """The same of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
-    from ..samples.files import holds_samples
     from ..samples.provenance import file_name
     from ..stacks.forming import Forming
 
@@ -253,7 +247,7 @@ def _of_file(
     with given_cluster(options, plan.files.folder) as cluster:
         if options.denoise:
             samples = samples.denoised()
-        alpha = not holds_samples(options.scene) and bool((samples.alpha < 1).any())
+        alpha = shows_coverage(options.scene, samples)
         _do(Forming(FocusSession(samples, method), None, alpha, filters), plan, items, cluster)
     return len(items)
 

@@ -323,6 +323,16 @@ def sampling_for(
     return dataclasses.replace(sampling, **changes)
 
 
+def shows_coverage(path: str, samples: PointSamples) -> bool:
+    """Whether pictures of the ``samples`` of a file get alpha, which films of scenes ask for.
+
+    Samples do not, and a picture of another program does where it has some.
+    """
+    from ..samples.files import holds_samples
+
+    return not holds_samples(path) and bool((samples.alpha < 1).any())
+
+
 def tell_done(
     report: Report, what: str, done: int, count: int, old: Sequence[Path], sources: Sequence[str]
 ) -> None:

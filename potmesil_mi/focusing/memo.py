@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Any, Protocol, TypeVar
 
-from ..samples.circles import DepthRange
-
 MAX_BYTES = 2 << 30
 """Bytes that a memo keeps by default."""
 
@@ -32,8 +30,6 @@ class Memo:
 
     def __init__(self, max_bytes: int = MAX_BYTES) -> None:
         self.max_bytes = max_bytes
-        self.depths: DepthRange | None = None
-        """The depths of what is in sight, once they were asked for."""
         self.warned_of: set[str] = set()
         """What users of the samples have been warned of, which they are once."""
         self._values: dict[Hashable, Any] = {}

@@ -25,6 +25,7 @@ from ..optics.telecentric import (
     require_fitting,
 )
 from ..optics.usable import require_usable_lens
+from ..samples.choosing import require_samples
 from ..samples.circles import FOCUS
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
@@ -73,7 +74,7 @@ class FocusSession:
         *,
         max_bytes: int = MAX_BYTES,
     ) -> None:
-        _require_samples(samples)
+        require_samples(samples)
         if isinstance(max_bytes, bool) or not isinstance(max_bytes, (int, np.integer)):
             raise TypeError(f"max_bytes={shown(max_bytes)}: must be a whole number of bytes >= 0")
         if max_bytes < 0:
@@ -130,7 +131,7 @@ class FocusSession:
 
 def memo_of(samples: PointSamples) -> Memo:
     """What is kept for ``samples`` as long as they are. Raises ``TypeError`` for anything else."""
-    _require_samples(samples)
+    require_samples(samples)
     with _making_memos:
         return _memos.setdefault(samples, Memo())
 
@@ -221,11 +222,6 @@ def _thin_lens(
         return picture.lens, picture
     own = samples.lens
     return lens.in_units(own.millimeters_per_unit) if isinstance(own, ThinLens) else lens, None
-
-
-def _require_samples(samples: Any) -> None:
-    if not isinstance(samples, PointSamples):
-        raise TypeError(f"samples={shown(samples)}: must be PointSamples, as render_samples gives")
 
 
 def _require_hashable(psf: PointSpreadFunction) -> None:

@@ -22,8 +22,7 @@ def warn_of_traps(
     the warning is, as ``stacklevel`` does.
     """
     lens = (samples.lens if given is None else given).plain()
-    memo.depths = memo.depths or DepthRange.of(samples)
-    found = advice(memo.depths, lens, samples.camera)
+    found = advice(DepthRange.of(samples), lens, samples.camera)
     if given is None and not is_open(lens):
         found["pinhole"] = (
             "lens: the samples were taken through a pinhole and none is given, so that everything "

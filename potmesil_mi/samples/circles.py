@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,10 @@ SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
 
 
+_ranges: weakref.WeakKeyDictionary[PointSamples, DepthRange] = weakref.WeakKeyDictionary()
+"""What :meth:`DepthRange.of` has found, for as long as there are the samples."""
+
+
 @dataclasses.dataclass(frozen=True)
 class DepthRange:
     """Depths of what the pinhole sees within the picture, in scene units along the axis.
@@ -50,7 +55,14 @@ class DepthRange:
 
     @classmethod
     def of(cls, samples: PointSamples) -> DepthRange:
-        """That of samples."""
+        """That of samples, which is looked up once."""
+        found = _ranges.get(samples)
+        if found is None:
+            found = _ranges[samples] = cls._looked_up(samples)
+        return found
+
+    @classmethod
+    def _looked_up(cls, samples: PointSamples) -> DepthRange:
         crop = samples.crop_window
         z = samples.z[(samples.layer == 0) & crop.contains(samples.x, samples.y)]
         hit = np.isfinite(z)

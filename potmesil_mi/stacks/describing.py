@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..optics.blur import Blur
+from ..optics.blur import radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from ..samples.circles import DepthRange
+from ..samples.circles import DepthRange, circle_diameter
 from ..samples.point_samples import PointSamples
 from .foci import Lens
 
@@ -63,12 +63,8 @@ def lens_told(lens: Lens, camera: Camera, ends: tuple[float, float]) -> dict[str
     told = {"focus_distance": float(plain.focus_distance), "lens": plain.to_dict()}
     if not isinstance(plain, ThinLens):
         scale = 2 * plain.slope * camera.pixels_per_unit
-        focused = plain.focus_distance
-        circles = [scale * (focused - depth) for depth in ends]
     else:
-        blur = Blur.of(plain, camera)
-        scale = 2 * blur.radius_per_vergence
-        circles = [2 * blur.radius(1 / depth) for depth in ends]
+        scale = 2 * radius_per_vergence(plain, camera)
         pitch = float(plain.film_distance) / camera.focal_length_pixels
         unit = float(plain.millimeters_per_unit)
         told |= {
@@ -84,7 +80,7 @@ def lens_told(lens: Lens, camera: Camera, ends: tuple[float, float]) -> dict[str
     told["circle_of_confusion"] = {
         "formula": CIRCLES[type(plain).__name__],
         "scale": scale,
-        "largest_pixels": max(map(abs, circles)),
+        "largest_pixels": max(abs(float(circle_diameter(plain, camera, end))) for end in ends),
     }
     return told
 
