@@ -25,8 +25,10 @@ FLOORS = {
     "evaluation": 6,
     "plugins": 7,
     "stacks": 7,
-    "cli": 8,
-    "front": 9,
+    "living": 8,
+    "viewer": 8,
+    "cli": 9,
+    "front": 10,
 }
 """Wings and the floor that each stands on: imports go to the same wing or to a lower floor."""
 

@@ -1,6 +1,5 @@
 """The browser that tests look at pages with tells what it is asked to keep."""
 
-
 NOBODY = "http://127.0.0.1:9/x.png"
 
 
