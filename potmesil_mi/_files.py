@@ -53,6 +53,16 @@ def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> P
     return path
 
 
+def require_each_once(paths: Iterable[str]) -> None:
+    """Raise ``ValueError`` for one of the names of files to be written that is there twice."""
+    names = set()
+    for path in paths:
+        name = os.path.normpath(path)
+        if name in names:
+            raise ValueError(f"output={path!r}: must be given once")
+        names.add(name)
+
+
 def require_readable(path: str | os.PathLike[str]) -> Path:
     """The path, if there is a file that can be read from its end.
 

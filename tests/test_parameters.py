@@ -506,7 +506,7 @@ ROWS: dict[str, Callable[[Things], Row]] = {
     "example": lambda it: Row(pm.example, {"name": "terrace"}),
     "progress": lambda it: Row(pm.progress, {"callback": a_function}),
     "Key": lambda it: Row(pm.Key, {"frame": 0.0, "value": 1.0, "easing": "ease"}),
-    "Track": lambda it: Row(pm.Track, {"keys": TRACK.keys, "scale": "linear"}),
+    "Track": lambda it: Row(pm.Track, {"keys": TRACK.keys, "scale": "linear", "unit": "mm"}),
     "Track.of": lambda it: Row(
         pm.Track.of, {"value": 1.0, "scale": "linear"}, {"value": "value|must be a number|keys"}
     ),

@@ -184,7 +184,8 @@ def _errors_of(command: CommandParser, options: argparse.Namespace) -> Iterator[
         found = re.match(r"(\w+)(?=[=:])", str(error))
         option = command.option_of(found[1]) if found else None
         given = getattr(options, found[1], None) if found else None
-        if found is None or option is None or given is None or given is False or given == []:
+        given = given not in (None, False, []) or ": must be given" in str(error)
+        if found is None or option is None or not given:
             raise
         raise type(error)(f"{option}{str(error)[found.end() :]}") from error
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import difflib
 import math
+import re
 import shlex
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -57,8 +59,6 @@ def scene_with_lens(
     Where these do not say it, the lens has the parameters ``otherwise``. Raises ``ValueError``
     where nothing says how wide its aperture is.
     """
-    import mitsuba as mi
-
     from ..tracing.sensor import (
         has_lens,
         is_orthographic,
@@ -67,9 +67,7 @@ def scene_with_lens(
         stated_focus_distance,
     )
 
-    set_variant(options.variant)
-    # Optimised loading merges meshes of one material, and with them their ids and names.
-    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    scene = _load(options)
     if scene.integrator() is None:
         raise ValueError(f"{options.scene}: has no integrator")
     sensor = pick_sensor(scene, options.sensor)
@@ -92,7 +90,7 @@ def scene_with_lens(
     if chooses:
         samples = probed(scene, potmesil_sensor(sensor, **{**lens, **anywhere}))
         lens["focus_distance"] = with_chosen_focus(options, samples).lens.focus_distance
-    elif not told and not has_lens(sensor):
+    elif not (told or has_lens(sensor) or lens.get("f_number") == math.inf):
         warnings.warn(
             "focus_distance: is not given, so that the lens is focused at infinity; "
             "--focus-distance, --focus-at X,Y or --focus-on NAME say where else",
@@ -100,6 +98,40 @@ def scene_with_lens(
             stacklevel=1,
         )
     return scene, potmesil_sensor(sensor, **lens)
+
+
+def _load(options: argparse.Namespace) -> mi.Scene:
+    """The scene of the options. Raises ``OSError`` or ``ValueError`` for a file that is none."""
+    from .._files import require_readable
+    from .._image import PICTURES
+    from ..samples.files import holds_samples
+
+    path = require_readable(options.scene)
+    samples = holds_samples(path)
+    if samples or path.suffix.lower() in PICTURES:
+        what = "samples" if samples else "a picture"
+        raise ValueError(
+            f"{path}: holds {what}, and a scene is needed; `potmesil focus` forms pictures of it"
+        )
+    set_variant(options.variant)
+    import mitsuba as mi
+
+    try:
+        # Optimised loading merges meshes of one material, and with them their ids and names.
+        return mi.load_file(options.scene, optimize=False, **dict(options.define))
+    except RuntimeError as error:
+        _require_parameters(path, options.define, str(error))
+        raise
+
+
+def _require_parameters(path: Path, given: Iterable[tuple[str, str]], why: str) -> None:
+    """Raise ``ValueError`` for a parameter that a scene does not have, ``why`` it is not loaded."""
+    unused = [key for key, _ in given if re.search(rf"^\s*- \${re.escape(key)}=", why, re.M)]
+    if unused:
+        there = dict.fromkeys(re.findall(r"\$(\w+)", path.read_text("utf-8", errors="replace")))
+        near = difflib.get_close_matches(unused[0], there, n=1)
+        meant = f"did you mean {near[0]}?" if near else f"its file has {', '.join(there) or 'none'}"
+        raise ValueError(f"define={unused[0]}: the scene has no ${unused[0]}; {meant}") from None
 
 
 def _require_opening(options: argparse.Namespace, has_lens: bool, lens: Mapping[str, Any]) -> None:
@@ -273,6 +305,8 @@ def samples_of_file(
     from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
 
+    if path.lower().endswith(SCENE):
+        raise ValueError(f"{path}: is a scene; `potmesil render --samples` takes its samples")
     if holds_samples(path):
         samples = PointSamples.load(path)
         picture = given_picture(options)

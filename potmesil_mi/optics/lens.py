@@ -19,6 +19,7 @@ from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, req
 from .disc import Disc
 from .lens_checks import (
     distance_in_mm,
+    in_numbers,
     require_focus,
     require_length,
     require_one_opening,
@@ -86,7 +87,8 @@ class ThinLens:
     """A thin lens with an aperture, focused on a plane: equations 1-8.
 
     Every parameter may be a number, a NumPy array or a Dr.Jit array (then every result is
-    differentiable in it). Distances are along the optical axis, positive before the lens.
+    differentiable in it). Distances are along the optical axis, positive before the lens. A length
+    may be text with its unit, ``1.2m``, ``29cm``, ``290mm`` or ``10in``, and an f-number ``f/2.8``.
 
     ============================  ==========================================================
     Parameter                     Meaning
@@ -137,9 +139,14 @@ class ThinLens:
     ) -> None:
         require_one_opening(f_number, aperture_radius)
         require_choice("film", film, FILMS)
+        require_unit(millimeters_per_unit)
+        texts = {"focal_length": focal_length, "frame_width": frame_width, "f_number": f_number}
+        texts |= {"aperture_radius": aperture_radius, "focus_distance": focus_distance}
+        focal_length, frame_width, f_number, aperture_radius, focus_distance = in_numbers(
+            texts, millimeters_per_unit
+        ).values()
         require_length("focal_length", focal_length)
         require_length("frame_width", frame_width)
-        require_unit(millimeters_per_unit)
         if f_number is not None:
             require_each("f_number", f_number, "> 0", lambda x: x > 0)
         if aperture_radius is not None:
@@ -185,6 +192,10 @@ class ThinLens:
         """
         require_field_of_view("fov", fov)
         _require_known(parameters)
+        given: Any = {**parameters, "focal_length": focal_length, "frame_width": frame_width}
+        given = in_numbers(given, parameters.get("millimeters_per_unit", 1.0))
+        focal_length, frame_width = given.pop("focal_length"), given.pop("frame_width")
+        parameters = given
         if focal_length is not None and frame_width is not None:
             raise ValueError(
                 f"focal_length={shown(focal_length)}, frame_width={shown(frame_width)}: must not "

@@ -30,8 +30,15 @@ NEARER = np.array([0.9, 0.3, 0.02])
 BEYOND = np.array([0.02, 0.2, 0.9])
 """Linear colours of what is sharp, nearer than the focus, and beyond it."""
 
-FOCUS, EVERYTHING = "focus", "sharp"
-"""What :func:`advice` is about: where the lens is focused, and that nothing is blurred."""
+FOCUS, EVERYTHING, BLURRED, WIDE = "focus", "sharp", "blurred", "bright"
+"""What :func:`advice` is about: where the lens is focused, that nothing is blurred, or too much,
+and an aperture that no lens has."""
+
+WIDEST_F_NUMBER = 0.5
+"""That of a lens in air which takes in light from all of the half-space before the film."""
+
+SHORTEST = 2.0
+"""Focal length in millimetres under which few lenses are; whoever gives metres is under it."""
 
 SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
@@ -172,8 +179,9 @@ def circle_colors(diameter: np.ndarray) -> np.ndarray:
 def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> dict[str, str]:
     """What is likely not meant by a ``lens`` before a scene of such ``depths``, and what helps.
 
-    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, and ``focus``, if
-    nothing is where it is focused.
+    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, ``blurred``, if a
+    circle of confusion is wider than the picture, ``focus``, if nothing is where it is focused, and
+    ``bright``, if its f-number is one that no lens has.
     """
     lens = lens.plain()
     found: dict[str, str] = {}
@@ -190,12 +198,26 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
             "--focus-at X,Y and --focus-on NAME, pm.focus_distance_at and pm.focus_distance_of "
             "tell how far away a thing is"
         )
-    largest = largest_circle(depths, lens, camera)
-    if largest < EVERYTHING_SHARP:
+    largest, unit = largest_circle(depths, lens, camera), ""
+    if isinstance(lens, ThinLens):
         unit = f", and a scene unit is taken for {per_unit:g} mm (--units, millimeters_per_unit)"
+        if lens.focal_length < SHORTEST:
+            unit += (
+                f", the focal length for {lens.focal_length:g} mm (--focal-length, focal_length)"
+            )
+        if "f_number" in lens.parameters() and lens.f_number < WIDEST_F_NUMBER:
+            found[WIDE] = (
+                f"f_number={lens.f_number:g}: is wider than f/{WIDEST_F_NUMBER:g}, than which no "
+                "lens in air is wider"
+            )
+    if largest < EVERYTHING_SHARP:
         found[EVERYTHING] = (
             f"everything is sharp: the largest circle of confusion is {largest:.2g} pixels. The "
-            f"scene is at {within}{unit if isinstance(lens, ThinLens) else ''}; a wider aperture "
-            "blurs more"
+            f"scene is at {within}{unit}; a wider aperture blurs more"
+        )
+    elif largest > max(camera.film_size):
+        found[BLURRED] = (
+            f"the largest circle of confusion, {largest:.0f} pixels, is wider than the picture. "
+            f"The scene is at {within}{unit}"
         )
     return found

@@ -24,7 +24,7 @@ from ..samples.point_samples import PointSamples
 from .describing import DEPTH_KIND, METRES, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
 from .layouts import write_depth, write_formed, write_pinhole
-from .plan import StackItem, StackPlan
+from .plan import FORMAT, StackItem, StackPlan
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -141,7 +141,7 @@ class Forming:
     def told(self, plan: StackPlan) -> dict[str, Any]:
         """What is told of the stack."""
         pictures = [self.told_of(plan, item) for item in plan.items]
-        return {**self.about("potmesil stack", plan), "pictures": pictures}
+        return {**self.about(FORMAT, plan), "pictures": pictures}
 
     def about(self, form: str, plan: StackPlan) -> dict[str, Any]:
         """What is told of the stack as well as of each of its pictures."""
