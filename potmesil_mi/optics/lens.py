@@ -38,6 +38,9 @@ FULL_FRAME_WIDTH = 36.0
 Film = Literal["focal", "focused"]
 """Where the picture forms: on a film fixed at F, or at the image of the focused plane."""
 
+PLAIN = ("film", "aperture", "squeeze", "vignetting")
+"""Parameters of a lens that are no arrays."""
+
 FILMS: tuple[Film, ...] = get_args(Film)
 """The two places of the film."""
 
@@ -247,9 +250,12 @@ class ThinLens:
 
     def plain(self) -> ThinLens:
         """The same lens of plain numbers; a parameter of several elements is an error."""
+        parameters = self.parameters()
+        if all(type(value) is float or name in PLAIN for name, value in parameters.items()):
+            return self
         plain: dict[str, Any] = {
             name: value if isinstance(value, (str, Aperture)) else single(name, value)
-            for name, value in self.parameters().items()
+            for name, value in parameters.items()
         }
         return ThinLens(**plain)
 

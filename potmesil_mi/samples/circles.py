@@ -37,6 +37,10 @@ and an aperture that no lens has."""
 WIDEST_F_NUMBER = 0.5
 """That of a lens in air which takes in light from all of the half-space before the film."""
 
+LARGE = 1 / 8
+"""Share of the picture's width from which on circles are too large to be meant. An aperture that no
+lens has may be, with smaller ones: it blurs a large scene a little."""
+
 SHORTEST = 2.0
 """Focal length in millimetres under which few lenses are; whoever gives metres is under it."""
 
@@ -205,10 +209,11 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
             unit += (
                 f", the focal length for {lens.focal_length:g} mm (--focal-length, focal_length)"
             )
-        if "f_number" in lens.parameters() and lens.f_number < WIDEST_F_NUMBER:
+        wide = "f_number" in lens.parameters() and lens.f_number < WIDEST_F_NUMBER
+        if wide and largest > LARGE * max(camera.film_size):
             found[WIDE] = (
                 f"f_number={lens.f_number:g}: is wider than f/{WIDEST_F_NUMBER:g}, than which no "
-                "lens in air is wider"
+                f"lens in air is wider; circles of confusion are up to {largest:.0f} pixels"
             )
     if largest < EVERYTHING_SHARP:
         found[EVERYTHING] = (

@@ -90,7 +90,7 @@ def test_info_of_a_pinhole_asks_for_no_focus(table, capsys):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--f-number", "0.28"], "f_number=0.28: is wider than f/0.5, than which no lens"),
+        (["--f-number", "0.1"], "f_number=0.1: is wider than f/0.5, than which no lens"),
         (["--focal-length", "0.05"], "the focal length for 0.05 mm (--focal-length"),
     ],
 )
