@@ -9,7 +9,7 @@ import math
 import re
 import shlex
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -128,10 +128,21 @@ def _require_parameters(path: Path, given: Iterable[tuple[str, str]], why: str) 
     """Raise ``ValueError`` for a parameter that a scene does not have, ``why`` it is not loaded."""
     unused = [key for key, _ in given if re.search(rf"^\s*- \${re.escape(key)}=", why, re.M)]
     if unused:
-        there = dict.fromkeys(re.findall(r"\$(\w+)", path.read_text("utf-8", errors="replace")))
+        there = dict.fromkeys(_parameters_in(path, set()))
         near = difflib.get_close_matches(unused[0], there, n=1)
-        meant = f"did you mean {near[0]}?" if near else f"its file has {', '.join(there) or 'none'}"
+        meant = f"did you mean {near[0]}?" if near else f"it has {', '.join(there) or 'none'}"
         raise ValueError(f"define={unused[0]}: the scene has no ${unused[0]}; {meant}") from None
+
+
+def _parameters_in(path: Path, seen: set[Path]) -> Iterator[str]:
+    """The names of the parameters of a scene in its file and those that it includes."""
+    if path in seen or not path.is_file():
+        return
+    seen.add(path)
+    text = path.read_text("utf-8", errors="replace")
+    yield from re.findall(r"\$(\w+)", text)
+    for name in re.findall(r"<include\s+filename=\"([^\"]+)\"", text):
+        yield from _parameters_in(path.parent / name, seen)
 
 
 def _require_opening(options: argparse.Namespace, has_lens: bool, lens: Mapping[str, Any]) -> None:

@@ -105,6 +105,14 @@ def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any
     return 2 * Blur.of(lens, camera).radius(1 / depth)
 
 
+def in_units_of(samples: PointSamples, lens: ThinLens | TelecentricLens) -> Any:
+    """The lens with its lengths in the units of ``samples``; a telecentric one has no other."""
+    own = samples.lens
+    if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
+        return lens.in_units(own.millimeters_per_unit)
+    return lens
+
+
 def largest_circle(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> float:
     """The largest diameter in pixels of the circles of confusion of what the pinhole sees."""
     ends = depths.ends(camera)

@@ -22,7 +22,7 @@ from ..motion.track import is_infinite, named, require_known
 from ..optics.lens import AnyLensChanges, ThinLens
 from ..optics.lens_checks import IN_MILLIMETERS, IN_SCENE_UNITS
 from ..optics.telecentric import TelecentricLens, require_lens
-from ..samples.circles import FOCUS, DepthRange, advice
+from ..samples.circles import FOCUS, DepthRange, advice, in_units_of
 from ..samples.point_samples import PointSamples
 
 Lens = ThinLens | TelecentricLens
@@ -203,12 +203,9 @@ def warn_of_no_focus(samples: PointSamples, lenses: Sequence[Lens], depth: int =
 
     ``depth`` says for which of the callers the warning is, as ``stacklevel`` does.
     """
-    depths, own = DepthRange.of(samples), samples.lens
-    first = None
+    depths, first = DepthRange.of(samples), None
     for lens in lenses:
-        if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
-            lens = lens.in_units(own.millimeters_per_unit)
-        text = advice(depths, lens, samples.camera).get(FOCUS)
+        text = advice(depths, in_units_of(samples, lens), samples.camera).get(FOCUS)
         if text is None:
             return
         first = first or text

@@ -25,6 +25,15 @@ def table(tmp_path, monkeypatch):
     """A scene in centimetres, in the folder at hand."""
     monkeypatch.chdir(tmp_path)
     text = IN_CENTIMETERS.replace("<integrator", '<default name="spp" value="4"/><integrator')
+    (tmp_path / "cup.xml").write_text(
+        '<scene version="3.0.0"><default name="size" value="20"/><shape type="sphere" id="cup">'
+        '<point name="center" x="-25" y="0" z="120"/><float name="radius" value="$size"/></shape>'
+        "</scene>"
+    )
+    cup = text[
+        text.index('<shape type="sphere" id="cup">') : text.index('<shape type="sphere" id="jug">')
+    ]
+    text = text.replace(cup, '<include filename="cup.xml"/>')
     (tmp_path / "table.xml").write_text(
         text.replace('value="4"/></sampler', 'value="$spp"/></sampler')
     )
@@ -60,7 +69,8 @@ def test_a_file_of_another_kind_is_told_with_the_command_that_takes_it(table, ca
     ("key", "text"),
     [
         ("ssp", "--define=ssp: the scene has no $ssp; did you mean spp?"),
-        ("width", "--define=width: the scene has no $width; its file has spp"),
+        ("sise", "--define=sise: the scene has no $sise; did you mean size?"),
+        ("width", "--define=width: the scene has no $width; it has spp, size"),
     ],
 )
 def test_a_parameter_that_the_scene_does_not_have_is_told_in_a_line(table, capsys, key, text):
@@ -108,10 +118,32 @@ def test_what_others_call_an_option_is_known(table, capsys, given, meant):
     assert f"did you mean {meant}?" in said(capsys)
 
 
+def test_a_depth_of_eight_bits_is_told_to_have_steps(table, capsys):
+    import OpenImageIO as oiio
+
+    for name, kind in (("8.png", np.uint8), ("16.png", np.uint16)):
+        image = oiio.ImageOutput.create(name)
+        image.open(name, oiio.ImageSpec(8, 6, 1, np.dtype(kind).name))
+        image.write_image(np.full((6, 8, 1), 100, kind))
+        image.close()
+    image = oiio.ImageOutput.create("a.exr")
+    image.open("a.exr", oiio.ImageSpec(8, 6, 3, "float"))
+    image.write_image(np.ones((6, 8, 3), np.float32))
+    image.close()
+    of = ["--depth-kind", "z", "--depth-scale", "2", "--fov", "40", "--units", "cm"]
+    lens = ["--f-number", "2", "--focus-distance", "200", "-o", "b.exr"]
+    assert cli.main(["focus", "a.exr", "--depth", "8.png", *of, *lens]) == 0
+    assert "depth: has 8 bits, and so steps of 2, which show" in said(capsys)
+    assert cli.main(["focus", "a.exr", "--depth", "16.png", *of, *lens]) == 0
+    assert "bits" not in said(capsys)
+
+
 def test_windows_line_ends_a_byte_order_mark_and_names_of_all_kinds_are_read(table, capsys):
-    text = "\ufeff" + table.read_text().replace("\n", "\r\n").replace('"cup"', '"my cup"')
+    text = "\ufeff" + table.read_text().replace("\n", "\r\n")
     folder = table.parent / "Übung mit Platz"
     folder.mkdir()
+    cup = (table.parent / "cup.xml").read_text().replace('"cup"', '"my cup"')
+    (folder / "cup.xml").write_text(cup)
     (folder / "Szene äöü.xml").write_bytes(text.encode())
     lens = [*LENS[:-1], "my cup", "-o", str(folder / "Bild ä.exr")]
     kept = str(folder / "Proben ü.samples")

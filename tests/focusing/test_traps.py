@@ -1,5 +1,6 @@
 import warnings
 
+import numpy as np
 import pytest
 
 import potmesil_mi as pm
@@ -86,3 +87,11 @@ def test_a_focal_length_in_metres_is_told():
     samples = blurred()
     with pytest.warns(pm.FocusWarning, match="everything is sharp.* focal length for 0.05 mm"):
         pm.focus(samples, samples.lens.replace(focal_length=0.05, f_number=2.8))
+
+
+def test_a_lens_in_other_units_than_the_samples_is_looked_at_in_theirs():
+    """The samples are in metres, and the lens in millimetres."""
+    samples = blurred()
+    same = samples.lens.in_units(1.0)
+    pm.focus(samples, same)
+    np.testing.assert_allclose(pm.circle_map(samples, same), pm.circle_map(samples), rtol=1e-5)
