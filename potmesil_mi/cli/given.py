@@ -34,14 +34,20 @@ def unit_of(sensor: mi.Sensor) -> float:
 
 
 def given_lens(
-    options: argparse.Namespace, millimeters_per_unit: float | None = None
+    options: argparse.Namespace,
+    millimeters_per_unit: float | None = None,
+    telecentric: bool = False,
 ) -> dict[str, Any]:
     """Parameters of the lens that the options give, lengths in scene units.
 
-    These are of ``millimeters_per_unit`` unless the options say it; ``None``: nothing does.
+    These are of ``millimeters_per_unit`` unless the options say it; ``None``: nothing does, nor
+    does a ``telecentric`` lens, which has no such parameter.
     """
     lens, stated = _given(options, LENS_OPTIONS), stated_unit(options)
-    if stated is not None:
+    if telecentric:
+        lens.pop("millimeters_per_unit", None)
+        millimeters_per_unit = stated
+    elif stated is not None:
         lens["millimeters_per_unit"] = millimeters_per_unit = stated
     if chooses_focus(options) and "focus_distance" in lens:
         raise ValueError(

@@ -47,17 +47,22 @@ SCENE = ".xml"
 OPENINGS = {"f_number", "aperture_radius"}
 """Two parameters of which one says how wide the aperture is."""
 
+ORTHOGRAPHIC_PINHOLE = {"half_angle": 0.0, "focus_distance": 1.0}
+"""The lens of an orthographic sensor that has all in focus, wherever it is focused."""
+
 PROBES = 4
 """Most samples a pixel that are taken to find out how deep a scene is."""
 
 
 def scene_with_lens(
-    options: argparse.Namespace, otherwise: Mapping[str, Any] | None = None
+    options: argparse.Namespace,
+    otherwise: Mapping[str, Any] | None = None,
+    pinholes: bool = False,
 ) -> tuple[mi.Scene, mi.Sensor]:
     """The scene, and its sensor with the lens of the options.
 
     Where these do not say it, the lens has the parameters ``otherwise``. Raises ``ValueError``
-    where nothing says how wide its aperture is.
+    where nothing says how wide its aperture is, unless ``pinholes`` may stay what they are.
     """
     from ..tracing.sensor import (
         has_lens,
@@ -71,26 +76,29 @@ def scene_with_lens(
     if scene.integrator() is None:
         raise ValueError(f"{options.scene}: has no integrator")
     sensor = pick_sensor(scene, options.sensor)
-    given, lens = given_lens(options, unit_of(sensor)), dict(otherwise or {})
+    orthographic, has_own = is_orthographic(sensor), has_lens(sensor)
+    given, lens = given_lens(options, unit_of(sensor), orthographic), dict(otherwise or {})
+    if pinholes and not has_own:
+        lens.update(ORTHOGRAPHIC_PINHOLE if orthographic else {"f_number": math.inf})
     if not given.keys().isdisjoint(OPENINGS):
         lens = {name: value for name, value in lens.items() if name not in OPENINGS}
     lens.update(given)
     chooses = chooses_focus(options)
     told = chooses or "focus_distance" in lens or stated_focus_distance(sensor) is not None
-    if is_orthographic(sensor):
-        if not (has_lens(sensor) or (told and "half_angle" in lens)):
+    if orthographic:
+        if not (has_own or (told and "half_angle" in lens)):
             raise ValueError(
                 f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
                 "--half-angle and --focus-distance"
             )
         anywhere = {"focus_distance": 1.0}
     else:
-        _require_opening(options, has_lens(sensor), lens)
+        _require_opening(options, has_own, lens)
         anywhere = {}
     if chooses:
         samples = probed(scene, potmesil_sensor(sensor, **{**lens, **anywhere}))
         lens["focus_distance"] = with_chosen_focus(options, samples).lens.focus_distance
-    elif not (told or has_lens(sensor) or lens.get("f_number") == math.inf):
+    elif not (told or has_own or lens.get("f_number") == math.inf):
         warnings.warn(
             "focus_distance: is not given, so that the lens is focused at infinity; "
             "--focus-distance, --focus-at X,Y or --focus-on NAME say where else",
@@ -120,7 +128,13 @@ def _load(options: argparse.Namespace) -> mi.Scene:
         # Optimised loading merges meshes of one material, and with them their ids and names.
         return mi.load_file(options.scene, optimize=False, **dict(options.define))
     except RuntimeError as error:
-        _require_parameters(path, options.define, str(error))
+        why = str(error)
+        _require_parameters(path, options.define, why)
+        missing = re.search(r"undefined parameter: \$(\w+)", why)
+        if missing:
+            raise ValueError(
+                f"{path}: ${missing[1]} has no value; -D {missing[1]}=... gives it"
+            ) from None
         raise
 
 
@@ -323,7 +337,8 @@ def samples_of_file(
         picture = given_picture(options)
         if picture:
             raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
-        lens = given_lens(options, getattr(samples.lens, "millimeters_per_unit", None))
+        unit = getattr(samples.lens, "millimeters_per_unit", None)
+        lens = given_lens(options, unit, samples.camera.projection == "orthographic")
         return with_chosen_focus(options, samples.replace(lens=samples.lens.replace(**lens)))
     picture, lens = given_picture(options), given_lens(options)
     if several is not None:

@@ -78,6 +78,12 @@ def test_a_parameter_that_the_scene_does_not_have_is_told_in_a_line(table, capsy
     assert said(capsys) == f"potmesil: error: {text}\n"
 
 
+def test_a_parameter_without_a_value_is_told_with_the_option_that_gives_it(table, capsys):
+    table.write_text(table.read_text().replace('<default name="spp" value="4"/>', ""))
+    assert cli.main(["render", "table.xml", *LENS, "-o", "a.png"]) == 1
+    assert said(capsys) == "potmesil: error: table.xml: $spp has no value; -D spp=... gives it\n"
+
+
 def test_the_same_picture_twice_is_refused(table, capsys):
     assert cli.main(["render", "table.xml", *LENS, "-o", "a.png", "-o", "./a.png"]) == 1
     assert "--output='./a.png': must be given once" in said(capsys)
