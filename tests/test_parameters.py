@@ -989,7 +989,8 @@ def fault_of(function, arguments, name, called, shown) -> str | None:
 def is_meant(warning) -> bool:
     """Whether a warning is one that the package gives on purpose."""
     text = str(warning.message)
-    return warning.category is UserWarning or text.startswith("dropped ")
+    purposely = warning.category in (UserWarning, pm.FocusWarning)
+    return purposely or text.startswith("dropped ")
 
 
 def told(faults):

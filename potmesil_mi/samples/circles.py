@@ -212,7 +212,8 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
         )
     largest, unit = largest_circle(depths, lens, camera), ""
     if isinstance(lens, ThinLens):
-        unit = f", and a scene unit is taken for {per_unit:g} mm (--units, millimeters_per_unit)"
+        said_by = "--units, units of a recipe, millimeters_per_unit"
+        unit = f", and a scene unit is taken for {per_unit:g} mm ({said_by})"
         if lens.focal_length < SHORTEST:
             unit += (
                 f", the focal length for {lens.focal_length:g} mm (--focal-length, focal_length)"

@@ -215,6 +215,8 @@ def test_what_another_program_calls_stack_json_stays(tmp_path, kept, capsys):
         (["--near", "4m", "--far", "1.5", "--count", "3"], "--far=1.5: must be > near=4"),
         (["--distances", "2", "-o", "{folder}/./{{:02d}}.exr"], "must be given once"),
         ([], "--distances: must be given"),
+        (["--distances", "2", "nan"], "--distances[1]=nan: must be finite"),
+        (["--distances", "2", "--f-numbers", "f/0"], "--f-numbers[0]=0.0: must be > 0"),
     ],
 )
 def test_what_is_the_wrong_way_round_or_missing_is_told_by_its_option(
