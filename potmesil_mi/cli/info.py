@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import math
 from typing import TYPE_CHECKING, Any
 
 from .options import add_lens, add_picture, add_scene, add_variant
@@ -54,7 +53,7 @@ def info(options: argparse.Namespace) -> None:
     if options.map is not None:
         require_writable(options.map, PICTURES)
     if options.scene.lower().endswith(SCENE):
-        scene, sensor = scene_with_lens(options, {"f_number": math.inf})
+        scene, sensor = scene_with_lens(options, pinholes=True)
         samples = probed(scene, sensor, options.spp)
         found = {**about(samples), "sampling_bytes": _memory_of_sampling(scene, sensor, samples)}
     else:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._units import length_of
 from .._validation import require_kind, require_number, require_positive
 from .aperture import Aperture
 from .arithmetic import reciprocal, require_each
@@ -72,7 +73,9 @@ class TelecentricLens:
 
     def __post_init__(self) -> None:
         require_number("half_angle", self.half_angle, 0, WIDEST_HALF_ANGLE)
-        require_number("focus_distance", self.focus_distance)
+        focus_distance = length_of("focus_distance", self.focus_distance, None)
+        require_number("focus_distance", focus_distance)
+        object.__setattr__(self, "focus_distance", focus_distance)
         require_number("squeeze", self.squeeze, 1, 4)
         aperture = Aperture.parse(self.aperture)
         if aperture.diffracts:

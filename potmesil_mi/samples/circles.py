@@ -30,8 +30,19 @@ NEARER = np.array([0.9, 0.3, 0.02])
 BEYOND = np.array([0.02, 0.2, 0.9])
 """Linear colours of what is sharp, nearer than the focus, and beyond it."""
 
-FOCUS, EVERYTHING = "focus", "sharp"
-"""What :func:`advice` is about: where the lens is focused, and that nothing is blurred."""
+FOCUS, EVERYTHING, BLURRED, WIDE = "focus", "sharp", "blurred", "bright"
+"""What :func:`advice` is about: where the lens is focused, that nothing is blurred, or too much,
+and an aperture that no lens has."""
+
+WIDEST_F_NUMBER = 0.5
+"""That of a lens in air which takes in light from all of the half-space before the film."""
+
+LARGE = 1 / 8
+"""Share of the picture's width from which on circles are too large to be meant. An aperture that no
+lens has may be, with smaller ones: it blurs a large scene a little."""
+
+SHORTEST = 2.0
+"""Focal length in millimetres under which few lenses are; whoever gives metres is under it."""
 
 SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
@@ -92,6 +103,14 @@ def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any
     if isinstance(lens, TelecentricLens):
         return lens.circle_of_confusion(depth) * camera.pixels_per_unit
     return 2 * Blur.of(lens, camera).radius(1 / depth)
+
+
+def in_units_of(samples: PointSamples, lens: ThinLens | TelecentricLens) -> Any:
+    """The lens with its lengths in the units of ``samples``; a telecentric one has no other."""
+    own = samples.lens
+    if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
+        return lens.in_units(own.millimeters_per_unit)
+    return lens
 
 
 def largest_circle(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> float:
@@ -172,8 +191,9 @@ def circle_colors(diameter: np.ndarray) -> np.ndarray:
 def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> dict[str, str]:
     """What is likely not meant by a ``lens`` before a scene of such ``depths``, and what helps.
 
-    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, and ``focus``, if
-    nothing is where it is focused.
+    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, ``blurred``, if a
+    circle of confusion is wider than the picture, ``focus``, if nothing is where it is focused, and
+    ``bright``, if its f-number is one that no lens has.
     """
     lens = lens.plain()
     found: dict[str, str] = {}
@@ -190,12 +210,28 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
             "--focus-at X,Y and --focus-on NAME, pm.focus_distance_at and pm.focus_distance_of "
             "tell how far away a thing is"
         )
-    largest = largest_circle(depths, lens, camera)
+    largest, unit = largest_circle(depths, lens, camera), ""
+    if isinstance(lens, ThinLens):
+        said_by = "--units, units of a recipe, millimeters_per_unit"
+        unit = f", and a scene unit is taken for {per_unit:g} mm ({said_by})"
+        if lens.focal_length < SHORTEST:
+            unit += (
+                f", the focal length for {lens.focal_length:g} mm (--focal-length, focal_length)"
+            )
+        wide = "f_number" in lens.parameters() and lens.f_number < WIDEST_F_NUMBER
+        if wide and largest > LARGE * max(camera.film_size):
+            found[WIDE] = (
+                f"f_number={lens.f_number:g}: is wider than f/{WIDEST_F_NUMBER:g}, than which no "
+                f"lens in air is wider; circles of confusion are up to {largest:.0f} pixels"
+            )
     if largest < EVERYTHING_SHARP:
-        unit = f", and a scene unit is taken for {per_unit:g} mm (--units, millimeters_per_unit)"
         found[EVERYTHING] = (
             f"everything is sharp: the largest circle of confusion is {largest:.2g} pixels. The "
-            f"scene is at {within}{unit if isinstance(lens, ThinLens) else ''}; a wider aperture "
-            "blurs more"
+            f"scene is at {within}{unit}; a wider aperture blurs more"
+        )
+    elif largest > max(camera.film_size):
+        found[BLURRED] = (
+            f"the largest circle of confusion, {largest:.0f} pixels, is wider than the picture. "
+            f"The scene is at {within}{unit}"
         )
     return found

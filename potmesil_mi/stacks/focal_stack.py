@@ -13,7 +13,7 @@ from ..focusing.methods import Method, MethodName
 from ..focusing.session import FocusSession
 from ..optics.telecentric import require_fitting
 from ..samples.point_samples import PointSamples
-from .foci import Foci, Lens
+from .foci import Foci, Lens, warn_of_no_focus
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -59,12 +59,12 @@ class FocalStack:
 
 def focal_stack(
     samples: PointSamples | FocusSession,
-    distances: Sequence[float] | None = None,
+    distances: Sequence[float | str] | None = None,
     *,
-    near: float | None = None,
-    far: float | None = None,
+    near: float | str | None = None,
+    far: float | str | None = None,
     count: int | None = None,
-    f_numbers: Sequence[float] | None = None,
+    f_numbers: Sequence[float | str] | None = None,
     lenses: Sequence[Lens | Mapping[str, Any]] | None = None,
     method: Method | MethodName | None = None,
     rfilter: ReconstructionFilter | None = None,
@@ -117,4 +117,5 @@ def focal_stack(
                 require_fitting(session.samples.camera, lens)
             except ValueError as error:
                 raise ValueError(f"lenses[{i}]: {error}") from error
+    warn_of_no_focus(session.samples, found, depth=2)
     return FocalStack(session, found, rfilter=rfilter, alpha=alpha, filters=as_filters(filters))
