@@ -49,6 +49,12 @@ def test_the_notebook_runs_without_a_warning_and_shows_what_is_kept(notebook):
     assert run.returncode == 0, run.stderr[-3000:]
 
 
+@pytest.mark.parametrize("page", ["README.md", "docs/notebooks.md", "docs/manual.md"])
+def test_the_page_leads_to_every_notebook(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert [path.name for path in NOTEBOOKS if f"notebooks/{path.name})" not in text] == []
+
+
 # ---------------------------------------------------------------- what is kept
 
 
