@@ -187,7 +187,7 @@ def math_block(writer: HTML5Translator, node: nodes.math_block) -> None:
     """A formula on a line of its own as MathML, with its number behind it."""
     number = re.search(r"\\tag\{(.*?)\}", node.astext())
     formula = tex2mathml(re.sub(r"\\tag\{.*?\}", "", node.astext()), as_block=True)
-    writer.body.append(f'<div class="math">{formula}')
+    writer.body.append(f'<div style="text-align: center; margin: 1em 0">{formula}')
     if number:
         writer.body.append(f'<div style="text-align: right">({writer.encode(number[1])})</div>')
     writer.body.append("</div>")

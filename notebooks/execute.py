@@ -183,13 +183,13 @@ def main(arguments: list[str] | None = None) -> int:
     wrong = []
     for name in options.names or names:
         path = FOLDER / f"{name}.ipynb"
+        kept = nbformat.read(path, as_version=4)
         try:
             now = executed(path)
         except Failed as error:
             wrong.append(str(error))
             continue
         if options.check:
-            kept = nbformat.read(path, as_version=4)
             wrong += [f"{path.name}: {said}" for said in differences(kept, now)]
         else:
             text = nbformat.writes(now) + "\n"

@@ -351,9 +351,13 @@ def glow(width: int = 4, height: int = 64) -> Array:
 
 
 def heart(size: int = 128) -> Array:
-    """Return a white heart on black, where (x^2 + y^2 - 1)^3 < x^2 y^3."""
-    x, y = (2.5 * place - 1.25 for place in canvas(size, size))
-    inside = (x**2 + y**2 - 1) ** 3 < x**2 * y**3
+    """Return a white heart on black: two half circles above, a point below."""
+    u, v = canvas(size, size)
+    x, y = np.abs(4.2 * u - 2.1), 4.2 * v - 3.1
+    within = np.minimum(x / 2, 1)
+    inside = (
+        (x < 2) & (y < np.sqrt(1 - (2 * within - 1) ** 2)) & (y > -3 * np.sqrt(1 - np.sqrt(within)))
+    )
     return shrink(inside[..., None] * np.ones(3))
 
 
