@@ -110,3 +110,12 @@ def length_text(length: float, millimeters_per_unit: float) -> str:
         if abs(millimeters_per_unit / size - 1) < 1e-9:
             return f"{length:.4g} {unit}"
     return f"{length:.4g} ({length * millimeters_per_unit:.4g} mm)"
+
+
+def said_length(value: float | None, unit: float | None) -> str:
+    """A length in words, of scene units of so many millimetres; ``None`` where nothing is known."""
+    if value is None:
+        return "-"
+    if math.isinf(value):
+        return "infinity"
+    return f"{value:.4g}" if unit is None else length_text(value, unit)

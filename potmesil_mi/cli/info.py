@@ -6,8 +6,9 @@ import argparse
 import functools
 from typing import TYPE_CHECKING, Any
 
+from .._units import said_length
 from .options import add_lens, add_picture, add_scene, add_variant
-from .report import Report, about_picture, console, said_length
+from .report import Report, about_picture, console
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ def about(samples: PointSamples) -> dict[str, Any]:
     """What there is to tell of what samples see, lengths in scene units, as JSON has it."""
     from ..focusing.memory import memory_of_focus
     from ..focusing.methods import Layered
-    from ..samples.circles import DepthRange, surface_depths
+    from ..samples.circles import surface_depths
+    from ..samples.depth_range import DepthRange
 
     camera, depths = samples.camera, DepthRange.of(samples)
     found: dict[str, Any] = {

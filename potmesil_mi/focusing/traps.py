@@ -7,7 +7,8 @@ import warnings
 from .._warnings import FocusWarning
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
-from ..samples.circles import DepthRange, advice
+from ..samples.circles import advice
+from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
 from ..samples.provenance import is_wider
 from .memo import Memo

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 
+from .._html import displayed
 from .._validation import require_choice, require_field_of_view, require_kind, require_number, shown
 from .aperture import Aperture
 from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each, single
 from .disc import Disc
+from .display import html_of_thin_lens
 from .lens_checks import (
     distance_in_mm,
     in_numbers,
@@ -425,6 +427,9 @@ class ThinLens:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: html_of_thin_lens(self))
 
     def __repr__(self) -> str:
         return f"ThinLens({', '.join(f'{k}={v!r}' for k, v in self.parameters().items())})"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +12,7 @@ from ..optics.blur import Blur
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
+from .depth_range import DepthRange
 from .point_samples import PointSamples
 
 SHARP = 1.0
@@ -46,51 +45,6 @@ SHORTEST = 2.0
 
 SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
-
-
-_ranges: weakref.WeakKeyDictionary[PointSamples, DepthRange] = weakref.WeakKeyDictionary()
-"""What :meth:`DepthRange.of` has found, for as long as there are the samples."""
-
-
-@dataclasses.dataclass(frozen=True)
-class DepthRange:
-    """Depths of what the pinhole sees within the picture, in scene units along the axis.
-
-    ``nearest`` and ``farthest`` are those of what was hit, ``None`` where nothing was;
-    ``has_sky`` is whether something was not.
-    """
-
-    nearest: float | None
-    farthest: float | None
-    has_sky: bool
-
-    @classmethod
-    def of(cls, samples: PointSamples) -> DepthRange:
-        """That of samples, which is looked up once."""
-        found = _ranges.get(samples)
-        if found is None:
-            found = _ranges[samples] = cls._looked_up(samples)
-        return found
-
-    @classmethod
-    def _looked_up(cls, samples: PointSamples) -> DepthRange:
-        crop = samples.crop_window
-        z = samples.z[(samples.layer == 0) & crop.contains(samples.x, samples.y)]
-        hit = np.isfinite(z)
-        every = bool(hit.all())
-        z = z if every else z[hit]
-        if len(z) == 0:
-            return cls(None, None, not every)
-        return cls(float(z.min()), float(z.max()), not every)
-
-    def ends(self, camera: Camera) -> list[float]:
-        """The nearest and the farthest depth, ``inf`` for the sky.
-
-        To an orthographic camera the sky is just behind the farthest surface.
-        """
-        found = [depth for depth in (self.nearest, self.farthest) if depth is not None]
-        sky = self.has_sky and not (found and camera.projection == "orthographic")
-        return [*found, math.inf] if sky else found
 
 
 def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any) -> Any:
