@@ -1,6 +1,7 @@
 """Sphinx: the docs as HTML, from the pages here and the docstrings of the package.
 
-``python -m sphinx -W docs docs/_build/html``, from the root of the repository. No network is used.
+``python -m sphinx -W -j auto docs docs/_build/html``, from the root of the repository. No network
+is used.
 """
 
 import contextlib
