@@ -283,7 +283,7 @@ def _scatter_add(
     With ``around`` it is spread over the K x L places around: kernels (classes, K, L), the class
     of each row, and the number of places in a row of the picture.
     """
-    mode = scatter_mode()
+    mode = scatter_mode(values.size / dr.width(target))
     channels = values.shape[1]
     lane = dr.arange(jit.UInt32, values.size)
     row = lane // channels
