@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from .options import add_lens, add_picture, add_scene, add_variant
-from .report import Report, about_picture, console, said_length
+from .report import Report, console
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def about(samples: PointSamples) -> dict[str, Any]:
     """What there is to tell of what samples see, lengths in scene units, as JSON has it."""
     from ..focusing.memory import memory_of_focus
     from ..focusing.methods import Layered
+    from ..samples.blurring import about_picture
     from ..samples.circles import DepthRange, surface_depths
 
     camera, depths = samples.camera, DepthRange.of(samples)
@@ -122,6 +123,8 @@ def _print(source: str, found: dict[str, Any]) -> None:
     """Print it for people."""
     from rich.box import SIMPLE
     from rich.table import Table
+
+    from ..samples.blurring import said_length
 
     unit = found.get("millimeters_per_unit")
     length = functools.partial(said_length, unit=unit)

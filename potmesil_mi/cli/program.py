@@ -29,6 +29,7 @@ from .commands import (
 )
 from .dataset import dataset, dataset_options
 from .info import info, info_options
+from .live import live, live_options
 from .options import add_talk
 from .parser import CommandParser, nearest
 from .stack import stack, stack_options
@@ -105,6 +106,9 @@ COMMANDS = {
         info_options,
         info,
         SAMPLING,
+    ),
+    "live": _Command(
+        "show a picture that one refocuses, in a browser", live_options, live, SAMPLING | FOCUSING
     ),
     "compare": _Command(
         "compare a focused picture with a ray-traced one: error and time",
