@@ -1,4 +1,4 @@
-"""How quickly the viewer answers: from a click to the full picture, and pictures a second of a drag.
+"""How quickly the viewer answers: a click, by the full picture; a drag, by pictures a second.
 
 The page of `potmesil live` in headless Chromium, and the server, on this machine. A click is at
 another place each time; the time ends when the picture is on the canvas. While one drags the slider
@@ -77,7 +77,9 @@ def drag(page, process, label):
     took, used = time.perf_counter() - began, seconds_of(process) - used
     page.mouse.up()
     settled(page)
-    print(f"drag of {label}: {count / took:.1f} small pictures a second, {used / count:.3f} s of processors each")
+    print(
+        f"drag of {label}: {count / took:.1f} small pictures a second, {used / count:.3f} s of processors each"
+    )
 
 
 def main():

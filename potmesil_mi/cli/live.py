@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import threading
+import math
 from typing import TYPE_CHECKING
 
 from .given import given_method
@@ -77,13 +77,7 @@ def live(options: argparse.Namespace) -> None:
     server = Live(_view_of_scene(options) if is_scene else _view_of_file(options), options.port)
     with server.listening():
         _announce(options, server.address)
-        timer = threading.Timer(options.seconds or 0, server.end)
-        if options.seconds is not None:
-            timer.start()
-        try:
-            server.run()
-        finally:
-            timer.cancel()
+        server.run(math.inf if options.seconds is None else options.seconds)
 
 
 def _announce(options: argparse.Namespace, address: str) -> None:
@@ -92,7 +86,8 @@ def _announce(options: argparse.Namespace, address: str) -> None:
         Report(options).values({"address": address})
     else:
         print(address, flush=True)
-        Report(options).line("the page is there until Ctrl-C")
+        until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
+        Report(options).line(f"the page is there {until}")
     if not options.no_browser:
         import webbrowser
 

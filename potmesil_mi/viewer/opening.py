@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from .._validation import shown
-from ..filters.base import FilterFunction
+from ..filters.base import FilterFunction, as_filters
 from ..focusing.methods import Method, MethodName
 from ..optics.lens import ThinLens
 from ..optics.telecentric import require_lens
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     from ..tracing.sampling import Sampling
 
+LEFT_OUT = {"sensor": 0, "spp": 0, "seed": 0, "sampling": None}
+"""Parameters that are for a scene alone, and what they are where nothing is said."""
+
 
 def view_of(
     source: PointSamples | mi.Scene,
@@ -29,9 +32,11 @@ def view_of(
     of_scene: dict[str, Any],
 ) -> View:
     """The view of ``source``; ``of_scene`` has the parameters that are for a scene alone."""
+    method, filters = Method.parse(method), as_filters(filters)
     if isinstance(source, PointSamples):
-        for name, value in of_scene.items():
-            if value not in (0, None):
+        for name, otherwise in LEFT_OUT.items():
+            value = of_scene[name]
+            if not (value is otherwise or (type(value) is int and value == otherwise)):
                 raise ValueError(f"{name}={shown(value)}: must be left out, for it is of a scene")
         return View(source, lens, method, filters=filters)
     import mitsuba as mi

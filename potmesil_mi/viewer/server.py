@@ -10,9 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import secrets
 import struct
 import threading
+import time
 from collections.abc import Awaitable, Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -107,11 +109,12 @@ class Live:
                 self._loop.call_soon_threadsafe(self._ending.set)
             thread.join()
 
-    def run(self) -> None:
-        """Answer what pages ask, until :meth:`end` is called or Ctrl-C is pressed."""
+    def run(self, seconds: float = math.inf) -> None:
+        """Answer what pages ask for so long, until :meth:`end` is called or Ctrl-C is pressed."""
+        until = time.monotonic() + seconds
         with alone():
-            while not self._ended:
-                taken = self._mailbox.take(TURN)
+            while not self._ended and (left := until - time.monotonic()) > 0:
+                taken = self._mailbox.take(min(TURN, left))
                 if taken is not None:
                     page, message = taken
                     answer = self._view.answer(message)

@@ -37,7 +37,7 @@ SMALL_PIXELS = 40_000
 """Most pixels of the small pictures that are shown while one drags; a film that has no more has
 none."""
 
-QUALITY = 95
+QUALITY = 97
 SMALL_QUALITY = 85
 """Quality of the JPEGs of pictures; maps are PNGs."""
 

@@ -4,8 +4,7 @@
 // answer to the last: no picture is formed that nobody looks at any more. While one drags it asks
 // for small pictures, and for the full one when one stops.
 
-const REST = 160; // Milliseconds without a change after which the full picture is asked for,
-const HELD = 1000; // and while a slider is held.
+const REST = 160; // Milliseconds without a change after which the full picture is asked for.
 const PATIENCE = 250; // Milliseconds after which it is shown that one waits.
 const ZOOM = 4; // Of the loupe.
 const LOUPE = 200; // Its side on the screen.
@@ -34,12 +33,12 @@ function render({ model, el }) {
   let underway = false; // Whether an answer is still to come.
   let rest = 0;
   let patience = 0;
-  let held = false;
+  let held = false; // Whether a slider is: the full picture is asked for when it is let go.
 
   function ask(small, at = null) {
     clearTimeout(rest);
     waiting = { ...asked, at, small: small && about.has_small };
-    if (small) rest = setTimeout(() => ask(false), held ? HELD : REST);
+    if (small && !held) rest = setTimeout(() => ask(false), REST);
     next();
   }
 
