@@ -78,7 +78,8 @@ def drag(page, process, label):
     page.mouse.up()
     settled(page)
     print(
-        f"drag of {label}: {count / took:.1f} small pictures a second, {used / count:.3f} s of processors each"
+        f"drag of {label}: {count / took:.1f} small pictures a second, "
+        f"{used / max(count, 1):.3f} s of processors each"
     )
 
 
@@ -104,7 +105,8 @@ def main():
                     took, used = clicks(page, server.pid)
                     print(
                         f"{name}: median {statistics.median(took):.3f} s from click to picture, "
-                        f"slowest {max(took):.3f} s, {statistics.median(used):.3f} s of processors"
+                        f"quickest {min(took):.3f} s, slowest {max(took):.3f} s; "
+                        f"{statistics.median(used):.3f} s of processors"
                     )
                 for label in ("Focus", "Aperture"):
                     drag(page, server.pid, label)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from typing import TYPE_CHECKING
 
 from .given import given_method
@@ -85,9 +86,10 @@ def _announce(options: argparse.Namespace, address: str) -> None:
     if options.json:
         Report(options).values({"address": address})
     else:
-        print(address, flush=True)
+        print(address)
         until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
         Report(options).line(f"the page is there {until}")
+    sys.stdout.flush()
     if not options.no_browser:
         import webbrowser
 

@@ -107,9 +107,7 @@ COMMANDS = {
         info,
         SAMPLING,
     ),
-    "live": _Command(
-        "show a picture that one refocuses, in a browser", live_options, live, SAMPLING | FOCUSING
-    ),
+    "live": _Command("show a picture that one refocuses, in a browser", live_options, live),
     "compare": _Command(
         "compare a focused picture with a ray-traced one: error and time",
         compare_options,

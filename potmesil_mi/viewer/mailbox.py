@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable
 from typing import Any
 
 
@@ -15,21 +14,21 @@ class Mailbox:
     """
 
     def __init__(self) -> None:
-        self._waiting: dict[Hashable, Any] = {}
+        self._waiting: dict[Any, Any] = {}
         self._arrived = threading.Condition()
 
-    def put(self, page: Hashable, question: Any) -> None:
+    def put(self, page: Any, question: Any) -> None:
         """Leave a question in the place of the last one of that page."""
         with self._arrived:
             self._waiting[page] = question
             self._arrived.notify()
 
-    def forget(self, page: Hashable) -> None:
+    def forget(self, page: Any) -> None:
         """Give up what a page has asked, which is gone."""
         with self._arrived:
             self._waiting.pop(page, None)
 
-    def take(self, seconds: float) -> tuple[Hashable, Any] | None:
+    def take(self, seconds: float) -> tuple[Any, Any] | None:
         """The page whose turn it is, and what it asks; ``None`` if nobody asks for so long."""
         with self._arrived:
             if not self._waiting:

@@ -81,7 +81,7 @@ class Live:
         self._port = port
         self._token = secrets.token_urlsafe(24)
         self._mailbox = Mailbox()
-        self._loop = asyncio.new_event_loop()
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = asyncio.Event()
         self._begun = threading.Event()
         self._error: BaseException | None = None
@@ -96,7 +96,8 @@ class Live:
     @contextlib.contextmanager
     def listening(self) -> Iterator[None]:
         """Pages can connect within the block. Raises ``OSError`` if the port is not free."""
-        thread = HostThread(target=self._listen, name="potmesil_mi live", daemon=True)
+        self._loop = loop = asyncio.new_event_loop()
+        thread = HostThread(target=self._listen, args=(loop,), name="potmesil_mi live")
         thread.start()
         try:
             self._begun.wait()
@@ -105,20 +106,23 @@ class Live:
             yield
         finally:
             self.end()
-            if self._error is None:
-                self._loop.call_soon_threadsafe(self._ending.set)
+            with contextlib.suppress(RuntimeError):  # It has ended by itself.
+                loop.call_soon_threadsafe(self._ending.set)
             thread.join()
 
     def run(self, seconds: float = math.inf) -> None:
-        """Answer what pages ask for so long, until :meth:`end` is called or Ctrl-C is pressed."""
+        """Answer what pages ask for so long, until :meth:`end` is called or Ctrl-C is pressed.
+
+        It is to be called within :meth:`listening`.
+        """
+        assert self._loop is not None
         until = time.monotonic() + seconds
         with alone():
             while not self._ended and (left := until - time.monotonic()) > 0:
                 taken = self._mailbox.take(min(TURN, left))
                 if taken is not None:
                     page, message = taken
-                    answer = self._view.answer(message)
-                    self._loop.call_soon_threadsafe(page.send, answer)  # type: ignore[attr-defined]
+                    self._loop.call_soon_threadsafe(page.send, self._view.answer(message))
 
     def end(self) -> None:
         """Let :meth:`run` return; may be called by another thread."""
@@ -126,14 +130,13 @@ class Live:
 
     # ------------------------------------------------------------ the thread of the connection
 
-    def _listen(self) -> None:
-        asyncio.set_event_loop(self._loop)
+    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
         try:
-            self._loop.run_until_complete(self._serve())
+            loop.run_until_complete(self._serve())
         except BaseException as error:
             self._error = error
         finally:
-            self._loop.close()
+            loop.close()
             self._begun.set()
 
     async def _serve(self) -> None:
@@ -163,8 +166,8 @@ class Live:
             handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
         ) -> web.StreamResponse:
             host = f"{HOST}:{self._port}"
-            token = request.path.split("/")[1]
-            allowed = secrets.compare_digest(token.encode(), self._token.encode())
+            token = request.path.lstrip("/").partition("/")[0].encode(errors="replace")
+            allowed = secrets.compare_digest(token, self._token.encode())
             # Another name may be that of a page elsewhere whose address was changed to this one.
             allowed &= request.host == host
             allowed &= request.headers.get("Origin", f"http://{host}") == f"http://{host}"

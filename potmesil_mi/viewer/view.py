@@ -12,6 +12,7 @@ import numpy as np
 
 from .._files import in_json
 from .._image import encoded_picture
+from .._progress import progress
 from .._validation import require_number
 from .._warnings import FocusWarning
 from ..filters.base import FilterFunction, as_filters
@@ -185,10 +186,11 @@ class View:
         name = message.get("id", "") if isinstance(message, dict) else ""
         try:
             asked = Asked.of(message)
-            with warnings.catch_warnings(record=True) as caught:
+            with progress(lambda text, share: None), warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", FocusWarning)
                 answer = self._answered(asked)
-            answer.message["note"] = " ".join(str(one.message) for one in caught)
+            if not answer.message["small"]:  # Circles of a smaller film say nothing of this one.
+                answer.message["note"] = " ".join(str(one.message) for one in caught)
             return answer
         except Exception as error:
             expected = isinstance(error, EXPECTED)

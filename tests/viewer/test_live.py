@@ -176,7 +176,7 @@ def test_while_one_drags_pictures_are_small_and_stale_ones_are_not_formed(page, 
             opened(page, address)
             asked.clear()
             box = page.get_by_label("Focus", exact=True).bounding_box()
-            moves = 60
+            moves = 30
             page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 2)
             page.mouse.down()
             for i in range(moves):
@@ -235,6 +235,8 @@ def test_what_there_is_not_is_not_found_and_no_other_file_is_read(address):
     assert status(address, path + "view.py")[0] == 404
     assert status(address, path + "..%2fview.py")[0] == 404
     assert status(address, method="POST")[0] == 405
+    assert status(address, "*", method="OPTIONS")[0] == 403
+    assert status(address, "/%ff%fe/")[0] == 403
 
 
 def test_another_name_and_another_page_are_refused(address):

@@ -6,6 +6,7 @@
 
 const REST = 160; // Milliseconds without a change after which the full picture is asked for.
 const PATIENCE = 250; // Milliseconds after which it is shown that one waits.
+const LOST = 20000; // Milliseconds after which there may be nobody who answers.
 const ZOOM = 4; // Of the loupe.
 const LOUPE = 200; // Its side on the screen.
 
@@ -33,6 +34,7 @@ function render({ model, el }) {
   let underway = false; // Whether an answer is still to come.
   let rest = 0;
   let patience = 0;
+  let lost = 0;
   let held = false; // Whether a slider is: the full picture is asked for when it is let go.
 
   function ask(small, at = null) {
@@ -50,18 +52,22 @@ function render({ model, el }) {
     waiting = null;
     clearTimeout(patience);
     patience = setTimeout(() => parts.root.setAttribute("aria-busy", "true"), PATIENCE);
+    clearTimeout(lost);
+    lost = setTimeout(() => say("There is no answer yet. Is the kernel running?"), LOST);
   }
 
   function answered(message, buffers) {
     if (message.kind === "ended") {
       underway = true; // For ever.
       clearTimeout(patience);
+      clearTimeout(lost);
       say(message.text);
       return;
     }
     if (message.id !== `${me}:${number}`) return; // Of another view of the same widget.
     underway = false;
     clearTimeout(patience);
+    clearTimeout(lost);
     if (message.kind === "error") {
       say(message.text);
     } else {
@@ -89,7 +95,7 @@ function render({ model, el }) {
     tell(parts.focus, message.focus_text);
     tell(parts.opening, message.opening_text);
     parts.line.textContent = message.line;
-    if (message.note) parts.note.textContent = message.note;
+    if ("note" in message) parts.note.textContent = message.note;
     parts.note.hidden = parts.note.textContent === "";
     parts.python.textContent = message.python;
     parts.xml.textContent = message.xml;
@@ -195,6 +201,7 @@ function render({ model, el }) {
   return () => {
     clearTimeout(rest);
     clearTimeout(patience);
+    clearTimeout(lost);
     model.off("msg:custom", answered);
   };
 }
@@ -261,7 +268,8 @@ function build(el, about, asked) {
     width: about.width,
     height: about.height,
     tabindex: 0,
-    role: "img",
+    role: "application",
+    "aria-roledescription": "picture",
     "aria-label": "The picture. A click focuses on what is there; so does Enter, on the cross that the arrow keys move.",
   });
   parts.loupe = make("canvas", { class: "pm-loupe", width: LOUPE, height: LOUPE, hidden: "", "aria-hidden": "true" });
