@@ -48,7 +48,8 @@ def foci(samples: PointSamples, lens: Lens) -> list[float]:
             near, far = near - 1, far + 1
         return equal_circles(lens, near, far, STEPS + 1)
     least = LEAST_FOCAL_LENGTHS * lens.focal_length / lens.millimeters_per_unit
-    near, far = min(own, max(least, min(ends, default=least))), max([own, *ends])
+    nearest = min(filter(math.isfinite, ends), default=least)
+    near, far = min(own, max(least, nearest)), max([own, *ends])
     if not near < far:
         near, far = near - 0.5 * max(near - least, 0.0), 2 * near
     return equal_circles(lens, near, far, STEPS + 1)

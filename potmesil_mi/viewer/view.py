@@ -142,7 +142,6 @@ class View:
     def about(self) -> dict[str, Any]:
         """What a page has to know before it asks: sizes, sliders, and where they stand."""
         camera, provenance = self._full.samples.camera, self._full.samples.provenance
-        shape = self._own.to_dict()["aperture"]
         start = Asked(
             id="",
             focus_distance=float(self.lens.focus_distance),
@@ -167,7 +166,7 @@ class View:
                 "focus_texts": [focus_text(self._own, one) for one in self._foci],
                 "openings": self._openings,
                 "opening_texts": [opening_text(self._own, one) for one in self._openings],
-                "shapes": {OWN: shape, DISC: "disc", POLYGON: "polygon"},
+                "shapes": self._shapes(),
                 "blades": BLADES,
                 "methods": {OWN: str(self._method)}
                 | {name: name for name in METHODS if name != str(self._method)},
@@ -221,9 +220,10 @@ class View:
             "opening_text": opening_text(lens, self._opening(lens)),
             "line": said if difference is None else f"{said}; {difference.text}",
             "more": difference is not None and not difference.is_done,
-            "python": as_python(lens, method),
-            "xml": as_xml(lens, self._full.samples.camera),
         }
+        if film.times == 1:  # They are long where the aperture is a picture.
+            message["python"] = as_python(lens, method)
+            message["xml"] = as_xml(lens, self._full.samples.camera)
         return Answer(in_json(message), encoded)
 
     def _shown(
@@ -243,6 +243,12 @@ class View:
             difference = self._beside.difference(picture, lens)
             return difference.shown, difference
         return picture, None
+
+    def _shapes(self) -> dict[str, str]:
+        """Shapes of the aperture and how a page calls them; what is the lens's own comes once."""
+        own = self._aperture
+        others = {name: name for name in (DISC, POLYGON) if own != Disc() or name != DISC}
+        return {OWN: own.name, **others}
 
     def _film(self, small: bool) -> _Film:
         if not small or self._times <= 1:

@@ -130,8 +130,14 @@ def test_blades_and_methods_change_the_picture():
 def test_small_pictures_of_the_slow_method_are_by_the_quick_one(monkeypatch):
     monkeypatch.setattr(module, "SMALL_PIXELS", 100)
     view = View(samples_of_two_things(), method="lightfield")
-    assert "method='layered'" in answered(view, small=True).message["python"]
+    formed = []
+    monkeypatch.setattr(
+        module, "FocusSession", lambda s, m: formed.append(m) or pm.FocusSession(s, m)
+    )
+    answered(view, small=True)
+    assert formed == [pm.Layered()]
     assert "method='lightfield'" in answered(view).message["python"]
+    assert formed[1:] == [pm.LightField()]
 
 
 # ---------------------------------------------------------------- overlays
@@ -232,7 +238,33 @@ def test_a_scene_gets_another_lens_and_keeps_its_field_of_view(sensor):
     assert view._full.samples.camera.x_fov == pytest.approx(own.x_fov)
 
 
+@pytest.mark.parametrize(
+    ("z", "focus", "ends"),
+    [
+        (np.inf, math.inf, (0.1, "inf")),
+        (np.inf, 3.0, (0.1, "inf")),
+        (2.0, 2.0, (1.05, 4.0)),
+        (0.02, 3.0, (0.1, 3.0)),
+        (2.0, 0.07, (0.07, 2.0)),
+    ],
+)
+def test_wherever_things_are_there_is_a_range_to_focus_in(z, focus, ends):
+    samples = samples_of_two_things().replace(z=np.full(2400, z))
+    distances = View(samples, LENS.replace(focus_distance=focus)).about["foci"]
+    assert distances[0] == pytest.approx(ends[0])
+    assert distances[-1] == (ends[1] if z == np.inf else pytest.approx(ends[1]))
+
+
 # ---------------------------------------------------------------- other samples
+
+
+def test_an_aperture_that_is_a_picture_is_named_and_copied():
+    heart = pm.ImageAperture(np.eye(8))
+    view = View(samples_of_two_things(), LENS.replace(aperture=heart))
+    assert view.about["shapes"] == {"own": "image", "disc": "disc", "polygon": "polygon"}
+    names = {"pm": pm, "samples": samples_of_two_things()}
+    exec(answered(view).message["python"], names)
+    assert names["lens"] == view.lens
 
 
 def test_a_telecentric_lens_has_a_half_angle():

@@ -97,8 +97,8 @@ function render({ model, el }) {
     parts.line.textContent = message.line;
     if ("note" in message) parts.note.textContent = message.note;
     parts.note.hidden = parts.note.textContent === "";
-    parts.python.textContent = message.python;
-    parts.xml.textContent = message.xml;
+    if (message.python) parts.python.textContent = message.python;
+    if (message.xml) parts.xml.textContent = message.xml;
   }
 
   function controls() {
