@@ -159,38 +159,34 @@ def test_what_is_refused_is_said_on_the_page_and_the_next_picture_comes(page, ad
     assert page.errors == []
 
 
-def test_while_one_drags_pictures_are_small_and_stale_ones_are_not_formed(page, samples):
+def test_while_one_drags_pictures_are_small_and_stale_ones_are_not_formed(
+    page, address, view, monkeypatch
+):
     """Each picture takes so long that many positions of the slider pass meanwhile."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "SMALL_PIXELS", SIDE**2 // 4)
-        view = View(samples)
-        asked, answer = [], view.answer
+    opened(page, address)
+    asked, answer = [], view.answer
 
-        def slowly(message):
-            asked.append(message)
-            time.sleep(0.05)
-            return answer(message)
+    def slowly(message):
+        asked.append(message)
+        time.sleep(0.05)
+        return answer(message)
 
-        patch.setattr(view, "answer", slowly)
-        with served(view) as address:
-            opened(page, address)
-            asked.clear()
-            box = page.get_by_label("Focus", exact=True).bounding_box()
-            moves = 30
-            page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 2)
-            page.mouse.down()
-            for i in range(moves):
-                share = 0.8 - 0.7 * i / moves
-                page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
-            during = len(asked)
-            page.mouse.up()
-            page.wait_for_timeout(300)
-            settled(page)
-            value = int(page.get_by_label("Focus", exact=True).input_value())
-        assert all(one["small"] for one in asked[:during])
-        assert 1 <= during < moves
-        assert asked[-1]["small"] is False
-        assert asked[-1]["focus_distance"] == view.about["foci"][value]
+    monkeypatch.setattr(view, "answer", slowly)
+    slider = page.get_by_label("Focus", exact=True)
+    box, moves = slider.bounding_box(), 30
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.8 * box["width"], middle)
+    page.mouse.down()
+    for i in range(moves):
+        page.mouse.move(box["x"] + (0.8 - 0.7 * i / moves) * box["width"], middle)
+    page.wait_for_selector("canvas[data-small=true]")
+    during = len(asked)
+    page.mouse.up()
+    page.wait_for_selector(FULL)
+    assert all(one["small"] for one in asked[:during])
+    assert 1 <= during < moves
+    assert asked[-1]["small"] is False
+    assert asked[-1]["focus_distance"] == view.about["foci"][int(slider.input_value())]
 
 
 def test_the_page_fits_a_narrow_window(page, address):
