@@ -196,9 +196,9 @@ class Live:
         """A page: it is told what there is, and asks until it goes."""
         from aiohttp import WSMsgType, web
 
-        socket = web.WebSocketResponse(max_msg_size=LONGEST_QUESTION, compress=False)
         if request.headers.get("Origin") is None:  # Only browsers' pages are to connect.
             return web.Response(status=403)
+        socket = web.WebSocketResponse(max_msg_size=LONGEST_QUESTION, compress=False)
         await socket.prepare(request)
         page = _Page(socket)
         ended = asyncio.ensure_future(self._closed_at_end(socket))
