@@ -24,7 +24,7 @@ from .report import Report
 from .taking import SCENE, Opened, require_no_scene_options, samples_of_file, set_variant
 
 if TYPE_CHECKING:
-    from ..viewer.view import View
+    from ..viewer.view import Viewer
 
 LIVE_EXAMPLES = """
 examples:
@@ -96,18 +96,18 @@ def _announce(options: argparse.Namespace, address: str) -> None:
         webbrowser.open(address)
 
 
-def _view_of_scene(options: argparse.Namespace) -> View:
+def _view_of_scene(options: argparse.Namespace) -> Viewer:
     """The view of a scene, whose samples are taken now."""
     from ..filters.base import as_filters
     from ..viewer.beside import Beside
-    from ..viewer.view import View
+    from ..viewer.view import Viewer
 
     filters = as_filters(options.filter)
     opened = Opened.of(options)
     samples = opened.sampled(options, opened.sampling)
     is_still = not samples.moves and samples.camera.projection == "perspective"
     opened.require_kept()
-    return View(
+    return Viewer(
         samples,
         method=opened.method,
         rfilter=opened.film.rfilter(),
@@ -116,9 +116,9 @@ def _view_of_scene(options: argparse.Namespace) -> View:
     )
 
 
-def _view_of_file(options: argparse.Namespace) -> View:
+def _view_of_file(options: argparse.Namespace) -> Viewer:
     """The view of samples in a file, or of a picture of another program."""
-    from ..viewer.view import View
+    from ..viewer.view import Viewer
 
     require_no_scene_options(options)
     method = given_method(options)
@@ -127,4 +127,4 @@ def _view_of_file(options: argparse.Namespace) -> View:
     samples = samples_of_file(options.scene, options)
     if options.denoise:
         samples = samples.denoised()
-    return View(samples, method=method, filters=options.filter)
+    return Viewer(samples, method=method, filters=options.filter)

@@ -13,7 +13,7 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import require_lens
 from ..samples.point_samples import PointSamples
 from ..stacks.foci import Lens
-from .view import View
+from .view import Viewer
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -30,7 +30,7 @@ def view_of(
     method: Method | MethodName,
     filters: Sequence[FilterFunction | str],
     of_scene: dict[str, Any],
-) -> View:
+) -> Viewer:
     """The view of ``source``; ``of_scene`` has the parameters that are for a scene alone."""
     method, filters = Method.parse(method), as_filters(filters)
     if isinstance(source, PointSamples):
@@ -38,7 +38,7 @@ def view_of(
             value = of_scene[name]
             if not (value is otherwise or (type(value) is int and value == otherwise)):
                 raise ValueError(f"{name}={shown(value)}: must be left out, for it is of a scene")
-        return View(source, lens, method, filters=filters)
+        return Viewer(source, lens, method, filters=filters)
     import mitsuba as mi
 
     if not isinstance(source, mi.Scene):
@@ -57,7 +57,7 @@ def _view_of_scene(
     spp: int,
     seed: int,
     sampling: Sampling | None,
-) -> View:
+) -> Viewer:
     from ..optics.telecentric import is_open
     from ..tracing.hidden_surface import render_samples
     from .beside import Beside
@@ -70,7 +70,7 @@ def _view_of_scene(
         )
     samples = render_samples(scene, taking, spp=spp, seed=seed, sampling=sampling)
     is_still = not samples.moves and samples.camera.projection == "perspective"
-    return View(
+    return Viewer(
         samples,
         method=method,
         rfilter=taking.film().rfilter(),

@@ -22,7 +22,7 @@ from .._backend import alone
 from .._threads import HostThread
 from .extra import STATIC, require_extra
 from .mailbox import Mailbox
-from .view import Answer, View
+from .view import Answer, Viewer
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -74,7 +74,7 @@ class Live:
     Raises ``ImportError`` without the extra ``interactive``.
     """
 
-    def __init__(self, view: View, port: int = 0) -> None:
+    def __init__(self, view: Viewer, port: int = 0) -> None:
         require_server()
         self._view = view
         self._about = view.about

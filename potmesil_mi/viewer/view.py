@@ -1,4 +1,4 @@
-"""A view of samples: answers what a page asks, and knows of no page and no connection."""
+"""A viewer of samples: answers what a page asks, and knows of no page and no connection."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class _Film:
         return [crop.left * times, crop.top * times, crop.width * times, crop.height * times]
 
 
-class View:
+class Viewer:
     """Pictures of samples through the lenses that a page asks for, one after the other.
 
     ============================  ==========================================================

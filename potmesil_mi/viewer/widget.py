@@ -12,7 +12,7 @@ from ..samples.point_samples import PointSamples
 from ..stacks.foci import Lens
 from .extra import STATIC, require_extra
 from .opening import view_of
-from .view import View
+from .view import Viewer
 
 if TYPE_CHECKING:
     import anywidget
@@ -66,14 +66,14 @@ def _widget_class() -> Any:
     import anywidget
     import traitlets
 
-    class Viewer(anywidget.AnyWidget):
+    class ViewerWidget(anywidget.AnyWidget):
         """Answers what its pages ask. Each asks again when it has the answer to the last."""
 
         _esm = STATIC / "viewer.js"
         _css = STATIC / "viewer.css"
         about = traitlets.Dict().tag(sync=True)
 
-        def __init__(self, view: View) -> None:
+        def __init__(self, view: Viewer) -> None:
             super().__init__(about=view.about)
             self._view = view
             self.on_msg(self._asked)
@@ -87,4 +87,4 @@ def _widget_class() -> Any:
             answer = self._view.answer(message)
             self.send(answer.message, [answer.picture] if answer.picture else None)
 
-    return Viewer
+    return ViewerWidget

@@ -17,7 +17,7 @@ from potmesil_mi._image import linear_from_srgb
 from potmesil_mi.evaluation import metrics
 from potmesil_mi.viewer import view as module
 from potmesil_mi.viewer.server import Live
-from potmesil_mi.viewer.view import View
+from potmesil_mi.viewer.view import Viewer
 from scenes import papers_scene
 
 pytest.importorskip("aiohttp")
@@ -53,7 +53,7 @@ def served(view):
 def view(samples):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SMALL_PIXELS", SIDE**2 // 4)
-        yield View(samples)
+        yield Viewer(samples)
 
 
 @pytest.fixture(scope="module")
@@ -257,6 +257,6 @@ def test_only_the_loopback_address_is_listened_on(address):
 
 
 def test_a_port_that_is_taken_is_an_error(address, samples):
-    live = Live(View(samples), urlsplit(address).port)
+    live = Live(Viewer(samples), urlsplit(address).port)
     with pytest.raises(OSError, match="address already in use"), live.listening():
         pass

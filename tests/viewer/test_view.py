@@ -15,7 +15,7 @@ from potmesil_mi.evaluation import metrics
 from potmesil_mi.viewer import view as module
 from potmesil_mi.viewer.beside import Beside
 from potmesil_mi.viewer.opening import view_of
-from potmesil_mi.viewer.view import View
+from potmesil_mi.viewer.view import Viewer
 from scenes import evenly_spread, still_life, synthetic
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
@@ -65,7 +65,7 @@ def decoded(answer, tmp_path):
 
 def test_a_click_focuses_on_what_is_there_and_the_picture_is_that_of_a_focus(tmp_path):
     samples = samples_of_two_things()
-    view = View(samples)
+    view = Viewer(samples)
     for x, depth in ((5, 1.5), (25, 4.0)):
         answer = answered(view, at=[x, 10])
         assert answer.message["focus_distance"] == depth
@@ -75,7 +75,7 @@ def test_a_click_focuses_on_what_is_there_and_the_picture_is_that_of_a_focus(tmp
 
 
 def test_the_answer_tells_the_lens_in_words():
-    message = answered(View(samples_of_two_things()), focus_distance=1.5, opening=0.5).message
+    message = answered(Viewer(samples_of_two_things()), focus_distance=1.5, opening=0.5).message
     assert message["line"].startswith("f/0.5 focused at 1.5 m, sharp from ")
     assert (message["focus_text"], message["opening_text"]) == ("1.5 m", "f/0.5")
 
@@ -85,7 +85,7 @@ def test_a_small_picture_is_of_a_smaller_film_and_says_where_it_goes(monkeypatch
     camera = dataclasses.replace(
         samples_of_two_things().camera, crop_offset=(1, 1), crop_size=(28, 18)
     )
-    view = View(samples_of_two_things(camera=camera, window=(0, 0, 30, 20)))
+    view = Viewer(samples_of_two_things(camera=camera, window=(0, 0, 30, 20)))
     assert view.about["has_small"] is True
     answer = answered(view, small=True)
     assert answer.message["small"] is True
@@ -96,13 +96,13 @@ def test_a_small_picture_is_of_a_smaller_film_and_says_where_it_goes(monkeypatch
 
 
 def test_a_small_film_has_no_smaller_one():
-    view = View(samples_of_two_things())
+    view = Viewer(samples_of_two_things())
     assert view.about["has_small"] is False
     assert answered(view, small=True).message["small"] is False
 
 
 def test_exposure_shows_the_same_picture_lighter_and_forms_it_once(monkeypatch, tmp_path):
-    view = View(samples_of_two_things(rgb=np.full((2400, 3), 0.2)))
+    view = Viewer(samples_of_two_things(rgb=np.full((2400, 3), 0.2)))
     formed = []
     focus = pm.FocusSession.focus
     monkeypatch.setattr(
@@ -114,7 +114,7 @@ def test_exposure_shows_the_same_picture_lighter_and_forms_it_once(monkeypatch, 
 
 
 def test_blades_and_methods_change_the_picture():
-    view = View(samples_of_two_things())
+    view = Viewer(samples_of_two_things())
     pictures = {
         answered(view, **changes).picture
         for changes in (
@@ -129,7 +129,7 @@ def test_blades_and_methods_change_the_picture():
 
 def test_small_pictures_of_the_slow_method_are_by_the_quick_one(monkeypatch):
     monkeypatch.setattr(module, "SMALL_PIXELS", 100)
-    view = View(samples_of_two_things(), method="lightfield")
+    view = Viewer(samples_of_two_things(), method="lightfield")
     formed = []
     monkeypatch.setattr(
         module, "FocusSession", lambda s, m: formed.append(m) or pm.FocusSession(s, m)
@@ -146,7 +146,7 @@ def test_small_pictures_of_the_slow_method_are_by_the_quick_one(monkeypatch):
 def test_the_depth_is_shown_nearest_white_and_sky_black(tmp_path):
     samples = samples_of_two_things()
     samples = samples.replace(z=np.where(samples.y < 5, np.inf, samples.z))
-    picture = decoded(answered(View(samples), overlay="depth"), tmp_path)
+    picture = decoded(answered(Viewer(samples), overlay="depth"), tmp_path)
     assert picture[10, 5].tolist() == [1, 1, 1]
     assert 0.02 < picture[10, 25, 0] < 0.5
     assert picture[2, 5].tolist() == [0, 0, 0]
@@ -154,14 +154,14 @@ def test_the_depth_is_shown_nearest_white_and_sky_black(tmp_path):
 
 def test_circles_are_orange_nearer_and_blue_beyond(tmp_path):
     picture = decoded(
-        answered(View(samples_of_two_things()), overlay="circles", focus_distance=2.0), tmp_path
+        answered(Viewer(samples_of_two_things()), overlay="circles", focus_distance=2.0), tmp_path
     )
     assert picture[10, 5, 0] > picture[10, 5, 2]
     assert picture[10, 25, 2] > picture[10, 25, 0]
 
 
 def test_what_is_not_sharp_loses_its_colour(tmp_path):
-    view = View(samples_of_two_things(rgb=np.tile([0.8, 0.2, 0.1], (2400, 1))))
+    view = Viewer(samples_of_two_things(rgb=np.tile([0.8, 0.2, 0.1], (2400, 1))))
     picture = decoded(answered(view, overlay="sharp", at=[25, 10]), tmp_path)
     assert picture[10, 25] == pytest.approx([0.8, 0.2, 0.1], abs=0.05)
     assert np.ptp(picture[10, 3]) < 0.02
@@ -181,7 +181,7 @@ def test_the_difference_to_thinlens_becomes_less_noisy_from_answer_to_answer():
 
 
 def test_without_a_scene_there_is_no_difference():
-    view = View(samples_of_two_things())
+    view = Viewer(samples_of_two_things())
     assert "difference" not in view.about["overlays"]
     assert error(view, overlay="difference").startswith("overlay=difference: needs a scene")
 
@@ -190,7 +190,7 @@ def test_without_a_scene_there_is_no_difference():
 
 
 def test_the_focus_goes_by_equal_steps_of_the_circle_through_all_that_is_in_sight():
-    about = View(samples_of_two_things()).about
+    about = Viewer(samples_of_two_things()).about
     distances = about["foci"]
     assert distances[0] == pytest.approx(1.5)
     assert distances[-1] == pytest.approx(4)
@@ -201,7 +201,7 @@ def test_the_focus_goes_by_equal_steps_of_the_circle_through_all_that_is_in_sigh
 
 def test_the_sky_is_at_the_end_of_the_focus():
     samples = samples_of_two_things()
-    view = View(samples.replace(z=np.where(samples.y < 5, np.inf, samples.z)))
+    view = Viewer(samples.replace(z=np.where(samples.y < 5, np.inf, samples.z)))
     assert view.about["foci"][-1] == "inf"
     message = answered(view, focus_distance="inf").message
     assert (message["focus_distance"], message["focus_text"]) == ("inf", "infinity")
@@ -210,12 +210,12 @@ def test_the_sky_is_at_the_end_of_the_focus():
 
 def test_the_aperture_ends_where_samples_serve_no_wider_one():
     samples = pm.render_samples(still_life(), spp=2)
-    widest = min(View(samples).about["openings"])
+    widest = min(Viewer(samples).about["openings"])
     assert widest == pytest.approx(0.25)
     narrow = samples.replace(lens=samples.lens.replace(f_number=2.0))
-    assert min(View(narrow).about["openings"]) == pytest.approx(0.25)
+    assert min(Viewer(narrow).about["openings"]) == pytest.approx(0.25)
     by_radius = samples.lens.replace(aperture_radius=float(samples.lens.aperture_radius))
-    view = View(samples, by_radius)
+    view = Viewer(samples, by_radius)
     assert max(view.about["openings"]) == pytest.approx(by_radius.aperture_radius, rel=1e-3)
     assert "aperture_radius=" in answered(view).message["python"]
     assert error(view, opening=1e3).startswith("aperture_radius=1000.0: must be ")
@@ -223,7 +223,7 @@ def test_the_aperture_ends_where_samples_serve_no_wider_one():
 
 def test_a_pinhole_has_nothing_to_refocus():
     with pytest.raises(ValueError, match="lens: is a pinhole"):
-        View(samples_of_two_things().replace(lens=LENS.replace(f_number=math.inf)))
+        Viewer(samples_of_two_things().replace(lens=LENS.replace(f_number=math.inf)))
     with pytest.raises(ValueError, match="lens: must be given, for the scene's sensor has none"):
         view_of(still_life(sensor={"type": "perspective"}), None, "layered", (), OF_SCENE)
 
@@ -250,7 +250,7 @@ def test_a_scene_gets_another_lens_and_keeps_its_field_of_view(sensor):
 )
 def test_wherever_things_are_there_is_a_range_to_focus_in(z, focus, ends):
     samples = samples_of_two_things().replace(z=np.full(2400, z))
-    distances = View(samples, LENS.replace(focus_distance=focus)).about["foci"]
+    distances = Viewer(samples, LENS.replace(focus_distance=focus)).about["foci"]
     assert distances[0] == pytest.approx(ends[0])
     assert distances[-1] == (ends[1] if z == np.inf else pytest.approx(ends[1]))
 
@@ -260,7 +260,7 @@ def test_wherever_things_are_there_is_a_range_to_focus_in(z, focus, ends):
 
 def test_an_aperture_that_is_a_picture_is_named_and_copied():
     heart = pm.ImageAperture(np.eye(8))
-    view = View(samples_of_two_things(), LENS.replace(aperture=heart))
+    view = Viewer(samples_of_two_things(), LENS.replace(aperture=heart))
     assert view.about["shapes"] == {"own": "image", "disc": "disc", "polygon": "polygon"}
     names = {"pm": pm, "samples": samples_of_two_things()}
     exec(answered(view).message["python"], names)
@@ -272,7 +272,7 @@ def test_a_telecentric_lens_has_a_half_angle():
         synthetic(1).camera, projection="orthographic", x_fov=0.0, film_width=5.0
     )
     samples = synthetic(2000, camera=camera, lens=pm.TelecentricLens(5.0, 2.0))
-    view = View(samples)
+    view = Viewer(samples)
     assert np.ptp(np.diff(view.about["foci"])) < 1e-9
     message = answered(view, at=[10, 7]).message
     assert message["opening_text"] == "5°"
@@ -282,14 +282,14 @@ def test_a_telecentric_lens_has_a_half_angle():
 
 def test_samples_that_move_are_shown_as_they_were_exposed():
     samples = synthetic(2000, motion=np.tile([1.0, 0, 0], (2000, 1)), time=np.full(2000, 0.5))
-    assert answered(View(samples)).message["kind"] == "picture"
+    assert answered(Viewer(samples)).message["kind"] == "picture"
 
 
 def test_samples_on_a_lattice_are_shown_small(monkeypatch):
     monkeypatch.setattr(module, "SMALL_PIXELS", 100)
     samples = pm.render_samples(still_life(), sampling=pm.Sampling("uniform"))
     assert samples.lattice > 0
-    assert answered(View(samples), small=True).message["small"] is True
+    assert answered(Viewer(samples), small=True).message["small"] is True
 
 
 def test_spectral_samples_are_shown(variant_spectral):
@@ -300,7 +300,7 @@ def test_spectral_samples_are_shown(variant_spectral):
 def test_a_warning_of_a_focus_is_a_note():
     samples = pm.render_samples(still_life(), spp=2)
     wider = samples.lens.replace(f_number=0.1)
-    note = answered(View(samples, wider)).message["note"]
+    note = answered(Viewer(samples, wider)).message["note"]
     assert "is wider than the lens that the samples were taken for" in note
 
 
@@ -330,18 +330,18 @@ def test_a_warning_of_a_focus_is_a_note():
     ],
 )
 def test_what_a_page_may_not_ask_is_refused_by_name(changes, text):
-    assert text in error(View(samples_of_two_things()), **changes)
+    assert text in error(Viewer(samples_of_two_things()), **changes)
 
 
 @pytest.mark.parametrize("message", [None, [], "text", 5, {}, {"id": {}}])
 def test_what_is_no_question_is_answered_by_an_error(message):
-    answer = View(samples_of_two_things()).answer(message)
+    answer = Viewer(samples_of_two_things()).answer(message)
     assert answer.message["kind"] == "error"
     assert "must" in answer.message["text"]
 
 
 def test_an_error_that_nobody_expected_is_told_and_the_next_question_answered(monkeypatch):
-    view = View(samples_of_two_things())
+    view = Viewer(samples_of_two_things())
     with monkeypatch.context() as patch:
         patch.setattr(module, "encoded_picture", lambda *_: {}["lost"])
         assert error(view) == "KeyError: 'lost' (unexpected)"
