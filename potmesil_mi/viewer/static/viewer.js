@@ -219,7 +219,7 @@ class Picture {
   show(message, buffer) {
     const decoded = createImageBitmap(new Blob([buffer], { type: message.type }));
     this.drawn = Promise.all([decoded, this.drawn]).then(([bitmap]) => {
-      const context = this.canvas.getContext("2d");
+      const context = this.canvas.getContext("2d", { willReadFrequently: true }); // By the loupe.
       context.imageSmoothingQuality = "high";
       context.drawImage(bitmap, ...message.box);
       bitmap.close();
