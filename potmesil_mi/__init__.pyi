@@ -37,6 +37,7 @@ from .stacks.focal_stack import FocalStack, focal_stack
 from .tracing.hidden_surface import render_samples
 from .tracing.sampling import Sampling
 from .tracing.sensor import potmesil_sensor
+from .viewer.widget import interactive
 
 __version__: str
 
@@ -87,6 +88,7 @@ __all__ = [
     "focus_aovs",
     "focus_distance_at",
     "focus_distance_of",
+    "interactive",
     "motion_vectors",
     "parse_filter",
     "potmesil_sensor",

@@ -72,6 +72,9 @@ WINDOWS = {"dataWindow", "displayWindow"}
 JPEG_QUALITY = 90
 """Quality of JPEG files, 1 to 100, unless it is said."""
 
+FULL_COLOR = 95
+"""Quality of JPEG files from which on they have a colour for each pixel, and not for four."""
+
 
 def read_luminance(path: str | os.PathLike[str]) -> np.ndarray:
     """The linear luminance of a picture that Mitsuba can read, float64 (H, W), rows from the top.
@@ -164,7 +167,8 @@ def write_picture(
     ``bit_depth``                 one of ``BIT_DEPTHS``, by default the first: ``8`` and ``16``
                                   bits are sRGB, clipped to [0, 1]; ``float`` is linear, and so is
                                   ``half``, clipped to +-65504
-    ``quality``                   of a JPEG, 1 to 100 (default 90); the others lose nothing
+    ``quality``                   of a JPEG, 1 to 100 (default 90), from 95 on with a colour for
+                                  each pixel; the others lose nothing
     ============================  ==========================================================
 
     Raises ``ValueError`` for another suffix and what it cannot have, and ``OSError`` where it
@@ -186,6 +190,8 @@ def write_picture(
     spec = _spec_of(values, ending, depth, said or {})
     if ending in LOSSY:
         spec.attribute("CompressionQuality", quality)
+        if quality >= FULL_COLOR:
+            spec.attribute("jpeg:subsampling", "4:4:4")
     if maps and ending == ".exr":
         # What is far, and the number of a surface, may be more than a half can be.
         spec.channelformats = (*(TYPES[depth],) * spec.nchannels, *("float",) * len(maps))
@@ -195,6 +201,18 @@ def write_picture(
         values = np.concatenate([values, *planes], axis=2)
     with written_whole(path) as temporary:
         _write(values, spec, temporary)
+
+
+def encoded_picture(image: Any, suffix: str, quality: int = JPEG_QUALITY) -> bytes:
+    """What a file of that ``suffix`` has that :func:`write_picture` writes, in 8 bits.
+
+    The other parameters are its own, and so is what is raised.
+    """
+    # OpenImageIO writes to memory for programs in C++ only.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture{suffix}"
+        write_picture(image, path, bit_depth="8", quality=quality)
+        return path.read_bytes()
 
 
 def write_maps(
@@ -214,15 +232,6 @@ def write_maps(
     spec.channelnames = tuple(maps)
     with written_whole(path) as temporary:
         _write(values, spec, temporary)
-
-
-def encoded_picture(image: Any, ending: str) -> bytes:
-    """What :func:`write_picture` writes into a file of that ``ending``, such as ``.jpg``."""
-    # OpenImageIO writes to memory for programs in C++ only.
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"picture{ending}"
-        write_picture(image, path)
-        return path.read_bytes()
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:

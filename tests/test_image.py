@@ -11,6 +11,7 @@ import potmesil_mi as pm
 from potmesil_mi._image import (
     BIT_DEPTHS,
     attributes_described,
+    encoded_picture,
     linear_from_srgb,
     read_srgb,
     require_format,
@@ -211,3 +212,23 @@ def test_the_description_of_another_program_says_nothing_of_ours(text):
 def test_what_is_no_number_or_text_in_a_description_is_left_out():
     text = '{"potmesil:lens": "x", "focus": [1, [2]], "a": {}, "b": null, "c": [1, 2], "d": true}'
     assert attributes_described(text) == {"potmesil:lens": "x", "c": [1.0, 2.0]}
+
+
+def test_a_jpeg_of_high_quality_has_a_colour_for_each_pixel(tmp_path):
+    stripes = np.zeros((16, 16, 3), np.float32)
+    stripes[:, ::2] = 1, 0, 0
+    stripes[:, 1::2] = 0, 0, 1
+    errors = {}
+    for quality in (94, 95):
+        write_picture(stripes, tmp_path / "stripes.jpg", quality=quality)
+        read = read_srgb(tmp_path / "stripes.jpg").astype(float)
+        errors[quality] = np.abs(read - 255 * stripes).mean()
+    assert errors[95] < 10 < errors[94]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_an_encoded_picture_is_what_a_file_of_it_has(suffix, tmp_path):
+    picture = np.random.default_rng(0).random((5, 7, 3), np.float32)
+    write_picture(picture, tmp_path / f"picture{suffix}", bit_depth="8", quality=80)
+    written = (tmp_path / f"picture{suffix}").read_bytes()
+    assert encoded_picture(picture, suffix, 80) == written

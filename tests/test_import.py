@@ -64,7 +64,9 @@ def test_the_package_tells_type_checkers_that_it_is_typed():
 
 # ---------------------------------------------------------------- light
 
-HEAVY = "('mitsuba', 'drjit', 'scipy', 'numpy', 'OpenEXR', 'numcodecs', 'rich')"
+LIBRARIES = ("mitsuba", "drjit", "scipy", "numpy", "OpenEXR", "numcodecs", "rich")
+OF_EXTRAS = ("anywidget", "aiohttp")
+HEAVY = str((*LIBRARIES, *OF_EXTRAS))
 LOADED = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
 
 

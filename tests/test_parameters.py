@@ -432,6 +432,33 @@ ROWS: dict[str, Callable[[Things], Row]] = {
     "focus_distance_of": lambda it: Row(
         pm.focus_distance_of, {"samples": SAMPLES, "name": "center"}
     ),
+    "interactive": lambda it: Row(
+        pm.interactive,
+        {
+            "source": it.small_scene,
+            "lens": THIN.replace(f_number=math.inf),
+            "method": "layered",
+            "filters": ["fade:amount=0.5"],
+            "sensor": 0,
+            "spp": 1,
+            "seed": 0,
+            "sampling": None,
+        },
+        refused="lens",
+    ),
+    "interactive of samples": lambda it: Row(
+        pm.interactive,
+        {
+            "source": SAMPLES,
+            "lens": THIN,
+            "method": "layered",
+            "filters": ["fade:amount=0.5"],
+            "sensor": 0,
+            "spp": 0,
+            "seed": 0,
+            "sampling": None,
+        },
+    ),
     "circle_map": lambda it: Row(pm.circle_map, {"samples": SAMPLES, "lens": THIN}),
     "FocusSession": lambda it: Row(
         pm.FocusSession, {"samples": SAMPLES, "method": "layered", "max_bytes": 1 << 20}

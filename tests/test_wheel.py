@@ -162,6 +162,7 @@ def names_in(folder, *patterns):
 def test_the_wheel_has_every_module_and_every_scene_and_no_test(built):
     names = set(zipfile.ZipFile(built[1]).namelist())
     expected = names_in("potmesil_mi", "*.py", "*.pyi", "py.typed")
+    expected |= names_in("potmesil_mi", "*.js", "*.css", "*.html", "*.svg")
     expected |= {f"potmesil_mi/{name}" for name in names_in("scenes", "*.*")}
     mine = {name for name in names if ".dist-info/" not in name}
     assert mine == expected

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._units import said_length
 from .options import add_lens, add_picture, add_scene, add_variant
-from .report import Report, about_picture, console
+from .report import Report, console
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def about(samples: PointSamples) -> dict[str, Any]:
     """What there is to tell of what samples see, lengths in scene units, as JSON has it."""
     from ..focusing.memory import memory_of_focus
     from ..focusing.methods import Layered
+    from ..samples.blurring import about_picture
     from ..samples.circles import surface_depths
     from ..samples.depth_range import DepthRange
 

@@ -29,6 +29,7 @@ from .commands import (
 )
 from .dataset import dataset, dataset_options
 from .info import info, info_options
+from .live import live, live_options
 from .options import add_talk
 from .parser import CommandParser, nearest
 from .stack import stack, stack_options
@@ -106,6 +107,7 @@ COMMANDS = {
         info,
         SAMPLING,
     ),
+    "live": _Command("show a picture that one refocuses, in a browser", live_options, live),
     "compare": _Command(
         "compare a focused picture with a ray-traced one: error and time",
         compare_options,

@@ -54,6 +54,13 @@ class Reference:
         """
         return metrics.decibels(metrics.mean_square(*self.independent) / 4)
 
+    def add(self, spp: int) -> None:
+        """Add a rendering of ``spp`` samples a pixel to each of the halves."""
+        for half in (0, 1):
+            self.halves[half] = self.halves[half] + self.render(spp, self.count).astype(float)
+            self.count += 1
+            self.spp += spp
+
     def converge(
         self,
         picture: np.ndarray,
@@ -71,10 +78,7 @@ class Reference:
         report("reference", 0.0)
         while True:
             began = time.perf_counter()
-            for half in (0, 1):
-                self.halves[half] = self.halves[half] + self.render(spp, self.count).astype(float)
-                self.count += 1
-                self.spp += spp
+            self.add(spp)
             target = metrics.psnr(picture, self.mean) + FLOOR_MARGIN if floor is None else floor
             if self.floor >= target or self.spp + 2 * spp > most:
                 return

@@ -99,6 +99,7 @@ class ThinlensRenderer:
     ``sensor``                    a ``potmesil`` sensor
     ``seed``                      of all pictures; each is also told a number of its own
     ``denoise``                   whether pictures through the lens are denoised
+    ``lens``                      the lens, ``None`` (default) for that of the sensor
     ============================  ==========================================================
     """
 
@@ -107,10 +108,11 @@ class ThinlensRenderer:
     sensor: mi.Sensor
     seed: int
     denoise: bool = False
+    lens: ThinLens | None = None
 
     def through_lens(self, sampler: str, spp: int, number: int) -> np.ndarray:
         """Linear RGB, (height, width, 3), of ``spp`` samples a pixel of a sampler."""
-        equivalent = thinlens_sensor(self.sensor, sampler=sampler, spp=spp)
+        equivalent = thinlens_sensor(self.sensor, self.lens, sampler=sampler, spp=spp)
         if not self.denoise:
             return self._render(equivalent, self.seed + 1 + number)
         with_features = mi.load_dict({**FEATURES, "picture": self.integrator})
@@ -119,7 +121,7 @@ class ThinlensRenderer:
 
     def for_reference(self, spp: int, number: int) -> np.ndarray:
         """A picture that goes into the reference; its numbers are none of the others'."""
-        equivalent = thinlens_sensor(self.sensor, sampler=SAMPLERS[0], spp=spp)
+        equivalent = thinlens_sensor(self.sensor, self.lens, sampler=SAMPLERS[0], spp=spp)
         return self._render(equivalent, self.seed + 1001 + number)
 
     def pinhole(self, spp: int, number: int) -> np.ndarray:

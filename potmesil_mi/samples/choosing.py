@@ -41,9 +41,9 @@ def focus_distance_at(samples: PointSamples, x: float, y: float) -> float:
             f"{crop.top} to {bottom} down"
         )
     column, row = min(math.floor(x), right - 1), min(math.floor(y), bottom - 1)
-    inside = (samples.x >= column) & (samples.x <= column + 1)
-    inside &= (samples.y >= row) & (samples.y <= row + 1)
-    found = np.flatnonzero(inside)
+    found = np.flatnonzero((samples.y >= row) & (samples.y <= row + 1))
+    across = samples.x[found]
+    found = found[(across >= column) & (across <= column + 1)]
     found = found[samples.layer[found] == 0]
     if len(found) == 0:
         raise ValueError(f"x={x:g}, y={y:g}: there are no samples in this pixel")

@@ -137,8 +137,11 @@ def _of_middles(samples: PointSamples, column: np.ndarray, otherwise: float) -> 
     x, y = samples.x[inside], samples.y[inside]
     pixel = crop.pixel_of(x, y)
     apart = np.hypot(x % 1 - 0.5, y % 1 - 0.5)
-    # The last that is written stays: the nearest to the middle and, of several there, the largest.
-    order = np.lexsort((samples.weight[inside], -apart))
+    nearest = np.full(crop.size, np.inf, apart.dtype)
+    np.minimum.at(nearest, pixel, apart)
+    middle = np.flatnonzero(apart == nearest[pixel])
+    # The last that is written stays: of several that are as near, the largest.
+    middle = middle[np.argsort(samples.weight[inside][middle], kind="stable")]
     found = np.full((crop.size, *column.shape[1:]), otherwise, column.dtype)
-    found[pixel[order]] = column[inside][order]
+    found[pixel[middle]] = column[inside][middle]
     return found.reshape(*crop.shape, *column.shape[1:])
