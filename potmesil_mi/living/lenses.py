@@ -6,9 +6,11 @@ import math
 from collections.abc import Iterable
 
 from .._validation import require_positive, shown
+from ..motion.track import is_infinite, named
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
+from ..optics.usable import require_usable_lens
 from ..samples.circles import DepthRange
 from ..samples.point_samples import PointSamples
 from .sweep import FocusRange
@@ -31,8 +33,10 @@ def focus_range(
 ) -> FocusRange:
     """From where to where the focus goes: see ``living_picture``."""
     for name, value in (("near", near), ("far", far)):
-        if value is not None and not (name == "far" and value == math.inf):
+        if value is not None and not (name == "far" and is_infinite(value)):
             require_positive(name, value, "scene units")
+            with named(name):
+                require_usable_lens(lens.replace(focus_distance=float(value)))
     closest = CLOSEST * float(lens.focal_length) / float(lens.millimeters_per_unit)
     ends = DepthRange.of(samples).ends(samples.camera)
     if not any(map(math.isfinite, ends)) and near is None:
@@ -47,7 +51,6 @@ def focus_range(
     near, far = float(near), float(far)
     if not near < far:
         raise ValueError(f"far={far:g}: must be > near={near:g}")
-    lens.replace(focus_distance=near)  # Raises where it is within the focal length.
     return FocusRange(near, far)
 
 

@@ -117,9 +117,11 @@ class LivingPicture:
 
         Raises ``ValueError`` or ``TypeError`` that names what is missing or out of range.
         """
-        require_kind("picture", values, Mapping, "an object")
-        if values.get("form") != FORM:
-            raise ValueError(f"form={shown(values.get('form'))}: must be {FORM}")
+        require_kind("values", values, Mapping, "an object")
+        if "form" not in values:
+            raise ValueError("form: must be given")
+        if values["form"] != FORM:
+            raise ValueError(f"form={shown(values['form'])}: must be {FORM}")
         title = values.get("title")
         require_kind("title", title, str, "text")
         width, height = size = _several(values, "size", 2)
