@@ -18,23 +18,24 @@ const isStill = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 // ---------------------------------------------------------------- blending
 
 const VERTEX = `#version 300 es
-out vec2 at;
 void main() {
-  at = vec2(gl_VertexID & 1, gl_VertexID >> 1);
-  gl_Position = vec4(4.0 * at - 1.0, 0.0, 1.0);
-  at = vec2(2.0 * at.x, 1.0 - 2.0 * at.y);
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  gl_Position = vec4(4.0 * corner - 1.0, 0.0, 1.0);
 }`;
 
 const FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D pictures[4];
 uniform vec4 weights;
-in vec2 at;
 out vec4 color;
 void main() {
-  color = vec4(
-    weights.x * texture(pictures[0], at).rgb + weights.y * texture(pictures[1], at).rgb +
-    weights.z * texture(pictures[2], at).rgb + weights.w * texture(pictures[3], at).rgb, 1.0);
+  int height = textureSize(pictures[0], 0).y;
+  ivec2 at = ivec2(gl_FragCoord.x, height - 1 - int(gl_FragCoord.y)); // Rows go downwards.
+  vec3 sum = weights.x * texelFetch(pictures[0], at, 0).rgb;
+  if (weights.y > 0.0) sum += weights.y * texelFetch(pictures[1], at, 0).rgb;
+  if (weights.z > 0.0) sum += weights.z * texelFetch(pictures[2], at, 0).rgb;
+  if (weights.w > 0.0) sum += weights.w * texelFetch(pictures[3], at, 0).rgb;
+  color = vec4(sum, 1.0);
 }`;
 
 // Draws sums of pictures by WebGL2; one for all figures, for browsers allow but few.
@@ -74,11 +75,8 @@ class Blender {
     const gl = this.gl;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, bitmap.width, bitmap.height);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
     bitmap.close();
     return texture;
   }
