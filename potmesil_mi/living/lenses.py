@@ -39,15 +39,15 @@ def focus_range(
                 require_usable_lens(lens.replace(focus_distance=float(value)))
     closest = CLOSEST * float(lens.focal_length) / float(lens.millimeters_per_unit)
     ends = DepthRange.of(samples).ends(samples.camera)
-    if not any(map(math.isfinite, ends)) and near is None:
-        raise ValueError("near: must be given, for nothing is in sight that one could focus on")
+    chosen = near is None and far is None
     if near is None:
+        if not any(map(math.isfinite, ends)):
+            raise ValueError("near: must be given, for nothing is in sight that one could focus on")
         near = max(min(ends), closest)
-        far_end = max(ends) if far is None else far
-        if far is None and near >= far_end:  # All is at one depth.
-            near, far = max(near / 1.25, closest), near * 1.25
     if far is None:
         far = max(ends, default=math.inf)
+    if chosen and near >= far:  # All is at one depth.
+        near, far = max(near / 1.25, closest), near * 1.25
     near, far = float(near), float(far)
     if not near < far:
         raise ValueError(f"far={far:g}: must be > near={near:g}")

@@ -232,7 +232,7 @@ class LivingPicture {
     this.status.setAttribute("role", "status");
     this.status.setAttribute("aria-live", "polite");
     const caption = document.createElement("figcaption");
-    const lens = `${+data.focal_length.toPrecision(3)} mm`;
+    const lens = `${Number(data.focal_length.toPrecision(3))} mm`;
     caption.textContent = [data.title, lens, "click or drag on what is to be sharp; arrow keys"]
       .filter(Boolean)
       .join(" · ");
@@ -419,7 +419,7 @@ class LivingPicture {
     const { data, target } = this;
     const [near, far] = data.vergences;
     const distance = lengthOf(data.millimeters_per_unit / (near + target * (far - near)));
-    const opening = `f/${data.levels[this.level].f_number}`;
+    const opening = `f/${Number(data.levels[this.level].f_number.toPrecision(3))}`;
     this.focus.value = Math.round(target * 1000);
     this.aperture.value = this.level;
     this.distance.value = distance;
