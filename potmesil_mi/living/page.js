@@ -41,7 +41,7 @@ void main() {
 // Draws sums of pictures by WebGL2; one for all figures, for browsers allow but few.
 class Blender {
   constructor() {
-    this.canvas = document.createElement("canvas");
+    this.canvas = new OffscreenCanvas(1, 1);
     this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false });
     if (!this.gl) throw new Error("no WebGL2");
     this.canvas.addEventListener("webglcontextlost", (event) => {
@@ -102,7 +102,11 @@ class Blender {
     gl.activeTexture(gl.TEXTURE0);
     gl.uniform4fv(this.weights, weights);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    context.drawImage(this.canvas, 0, 0);
+    context.transferFromImageBitmap(this.canvas.transferToImageBitmap());
+  }
+
+  contextOf(canvas) {
+    return canvas.getContext("bitmaprenderer", { alpha: false });
   }
 }
 
@@ -123,6 +127,10 @@ class PlainBlender {
       context.globalAlpha = sum > 0 ? weight / sum : 0;
       context.drawImage(bitmap, 0, 0);
     }
+  }
+
+  contextOf(canvas) {
+    return canvas.getContext("2d", { alpha: false });
   }
 }
 
@@ -218,7 +226,7 @@ class LivingPicture {
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
     this.canvas.hidden = true;
-    this.context = this.canvas.getContext("2d", { alpha: false });
+    this.context = blender.contextOf(this.canvas);
     this.mark = document.createElement("div");
     this.mark.className = "mark";
     view.append(this.canvas, this.mark);
