@@ -6,16 +6,19 @@
 All pictures are formed alone, then written one after the other, by a thread meanwhile as
 ``potmesil stack`` does, and by one that is not known to evaluate no arrays. Seconds of processors
 tell more than others where something else runs, too. With ``--cluster`` one process, with all its
-threads and with one alone, is compared with the workers of a cluster, whose processors are theirs.
+threads, with one alone and on one processor, is compared with the workers of a cluster, whose
+processors are theirs: with one thread a process still writes on another processor meanwhile.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import common
@@ -113,6 +116,21 @@ def plan_in(folder: str, arguments: argparse.Namespace, lenses: list[pm.ThinLens
     return StackPlan.of(lenses, files, how={"source": "figure11.xml"}, maps=maps)
 
 
+@contextlib.contextmanager
+def on_one_processor() -> Iterator[None]:
+    """Bind all threads of this process to one processor; those that they start are so, too."""
+    tasks = [int(task) for task in os.listdir("/proc/self/task")]
+    before = {task: os.sched_getaffinity(task) for task in tasks}
+    try:
+        for task in tasks:
+            os.sched_setaffinity(task, {min(before[task])})
+        yield
+    finally:
+        for task in os.listdir("/proc/self/task"):
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setaffinity(int(task), before.get(int(task), before[os.getpid()]))
+
+
 def by_cluster(
     arguments: argparse.Namespace, session: pm.FocusSession, lenses: list[pm.ThinLens]
 ) -> None:
@@ -141,6 +159,10 @@ def by_cluster(
 
             return run
 
+        def on_one() -> None:
+            with on_one_processor():
+                alone_with(1)()
+
         def used() -> float:
             return time.process_time() + sum(cluster.client.run(time.process_time).values())
 
@@ -148,6 +170,7 @@ def by_cluster(
         ways = {
             f"one process, {threads} threads": alone_with(threads),
             "one process, 1 thread": alone_with(1),
+            "one process on one processor": on_one,
             f"{len(cluster.neighbours)} workers": together,
         }
         warm = plan_in(folder, arguments, lenses[:: max(len(lenses) // 8, 1)])
@@ -155,6 +178,9 @@ def by_cluster(
         for _ in range(arguments.repeats):
             rows = {}
             for name, way in ways.items():
+                if way is on_one and not Path("/proc/self/task").is_dir():
+                    console.print(f"{name}: is measured on Linux alone")
+                    continue
                 began, before = time.perf_counter(), used()
                 way()
                 rows[name] = time.perf_counter() - began, used() - before

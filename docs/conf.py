@@ -1,12 +1,15 @@
 """Sphinx: the docs as HTML, from the pages here and the docstrings of the package.
 
-``python -m sphinx -W docs docs/_build/html``, from the root of the repository. No network is used.
+``python -m sphinx -W -j auto docs docs/_build/html``, from the root of the repository. No network
+is used.
 """
 
 import contextlib
 import io
 import os
 import re
+import shutil
+from pathlib import Path
 
 import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM
 
@@ -14,10 +17,13 @@ import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM
 import mitsuba as mi
 from docutils import nodes
 from docutils.parsers.rst.directives.tables import ListTable
+from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
+from sphinx.config import Config
 from sphinx.environment import BuildEnvironment
 from sphinx.util.docutils import SphinxDirective
+from sphinx.writers.html5 import HTML5Translator
 
 from potmesil_mi.plugins import PLUGINS
 
@@ -32,7 +38,7 @@ copyright = "BSD 3-Clause"
 # ---------------------------------------------------------------- pages
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
@@ -42,8 +48,9 @@ templates_path = ["_templates"]
 root_doc = "index"
 html_extra_path = ["extra"]  # Pages of their own, as they are.
 
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+nb_execution_mode = "off"  # Notebooks are kept with what they show.
 
 MITSUBA_TYPES = ("bool", "bsdf", "film", "float", "int", "integrator", "point", "sampler", "string")
 MITSUBA_TYPES += ("spectrum", "transform", "vector")
@@ -80,6 +87,7 @@ html_theme_options = {"navigation_with_keys": True}
 html_show_copyright = False
 html_show_sphinx = False
 html_copy_source = False
+html_math_renderer = "mathml"  # which browsers draw by themselves, and nothing is fetched for it
 
 
 class PluginParameters(ListTable):
@@ -149,18 +157,62 @@ def find_elsewhere(
     return None
 
 
-def link_as_files(app: Sphinx, page: str, source: list[str]) -> None:
-    """Pages beside this folder are files here: they are made for reading in the repository."""
-    source[0] = re.sub(
-        r"\]\((?=\.\./(README\.md|CONTRIBUTING\.md|notebooks/\w+\.ipynb)\))", "](path:", source[0]
+def copy_notebooks(app: Sphinx, config: Config) -> None:
+    """Sphinx reads pages of this folder only, so copies of the notebooks become some of them."""
+    here = Path(app.srcdir)
+    shutil.rmtree(here / "notebooks", ignore_errors=True)
+    shutil.copytree(
+        here.parent / "notebooks", here / "notebooks", ignore=lambda _, names: _others(names)
     )
+
+
+def _others(names: list[str]) -> set[str]:
+    return {name for name in names if not name.endswith(".ipynb")}
+
+
+def link_within(app: Sphinx, page: str, source: list[str]) -> None:
+    """Links are those of the repository; here notebooks stand elsewhere, and the rest are files."""
+    text = re.sub(r"\]\((?=\.\./(README\.md|CONTRIBUTING\.md)\))", "](path:", source[0])
+    text = re.sub(r"\]\(((?:\.\./)*)\.\./(notebooks/\w+\.ipynb)\)", r"](\1\2)", text)
+    if page.startswith("notebooks/"):
+        text = text.replace("](../docs/", "](../")
+    source[0] = text
+
+
+def math_in_line(writer: HTML5Translator, node: nodes.math) -> None:
+    """A formula in a sentence as MathML."""
+    writer.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def math_block(writer: HTML5Translator, node: nodes.math_block) -> None:
+    """A formula on a line of its own as MathML, with its number behind it."""
+    number = re.search(r"\\tag\{(.*?)\}", node.astext())
+    formula = tex2mathml(re.sub(r"\\tag\{.*?\}", "", node.astext()), as_block=True)
+    writer.body.append(f'<div style="text-align: center; margin: 1em 0">{formula}')
+    if number:
+        writer.body.append(f'<div style="text-align: right">({writer.encode(number[1])})</div>')
+    writer.body.append("</div>")
+    raise nodes.SkipNode
+
+
+def open_own_branch(app: Sphinx, page: str, template: str, context: dict, *rest: object) -> None:
+    """Of the navigation, only the branch that a page is on is opened.
+
+    A tree of all modules on the page of each of them takes most of the time of a build.
+    """
+    whole = context["toctree"]
+    context["toctree"] = lambda **options: whole(**{**options, "collapse": True})
 
 
 def setup(app: Sphinx) -> None:
     """Directives of this project, and what is done with docstrings."""
     app.connect("autodoc-skip-member", skip_public)
     app.connect("missing-reference", find_elsewhere)
-    app.connect("source-read", link_as_files)
+    app.connect("config-inited", copy_notebooks)
+    app.connect("source-read", link_within)
+    app.add_html_math_renderer("mathml", (math_in_line, None), (math_block, None))
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("html-page-context", open_own_branch, priority=400)  # Before furo asks for it.
     app.add_directive("pluginparameters", PluginParameters)
     app.add_directive("command-help", CommandHelp)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import glob
 import json
 import math
 import os
@@ -51,6 +50,16 @@ def require_writable(path: str | os.PathLike[str], suffixes: Iterable[str]) -> P
             raise
         raise type(error)(f"{path}: cannot write to {path.parent}: {error.strerror}") from None
     return path
+
+
+def require_each_once(paths: Iterable[str]) -> None:
+    """Raise ``ValueError`` for one of the names of files to be written that is there twice."""
+    names = set()
+    for path in paths:
+        name = os.path.normpath(path)
+        if name in names:
+            raise ValueError(f"output={path!r}: must be given once")
+        names.add(name)
 
 
 def require_readable(path: str | os.PathLike[str]) -> Path:
@@ -156,14 +165,18 @@ def _take_over(target: Path, temporary: Path) -> None:
 
 def _remove_leftovers(target: Path) -> None:
     """Remove what is left of a file by processes of this machine that are no more."""
-    stem, suffix = glob.escape(target.stem), target.suffix
-    pattern = TEMPORARY.format(stem=stem, process="[0-9]*", suffix=suffix)
-    process = re.compile(re.escape(f".{target.stem}.") + r"(\d+)" + re.escape(suffix))
-    for leftover in target.parent.glob(pattern):
-        found = process.fullmatch(leftover.name)
+    process = re.compile(re.escape(f".{target.stem}.") + r"(\d+)" + re.escape(target.suffix))
+    begin = f".{target.stem}."
+    try:
+        names = os.listdir(target.parent)
+    except OSError:  # That nothing can be written there is said when it is.
+        return
+    # A stack may have many thousands of files in a folder, and this is done for each of them.
+    for name in names:
+        found = process.fullmatch(name) if name.startswith(begin) else None
         if found and not _is_running(int(found[1])):
             with contextlib.suppress(OSError):
-                leftover.unlink()
+                (target.parent / name).unlink()
 
 
 def _is_running(process: int) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypedDict, get_args
@@ -213,6 +214,15 @@ def write_maps(
     spec.channelnames = tuple(maps)
     with written_whole(path) as temporary:
         _write(values, spec, temporary)
+
+
+def encoded_picture(image: Any, ending: str) -> bytes:
+    """What :func:`write_picture` writes into a file of that ``ending``, such as ``.jpg``."""
+    # OpenImageIO writes to memory for programs in C++ only.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture{ending}"
+        write_picture(image, path)
+        return path.read_bytes()
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ wrinkles.png           512x256  brown, wrinkled skin for a `sphere`, seamless in
 wrinkles_height.png    512x256  its height (16 bit, linear), for the `bumpmap` BSDF
 planks.png             512x512  wooden boards, seamless in u and v, for the terrace's table
 evening.exr            512x256  the sky of an evening, linear radiance, for an `envmap`
+glow.png                  4x64  light of a flame in the wax, bright at the lower end
+heart.png              128x128  a heart, for the opening of a lens
 =====================  =======  ==================================================================
 """
 
@@ -337,6 +339,29 @@ def evening(width: int = 512, height: int = 256) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
+#  Glow and heart
+# --------------------------------------------------------------------------------------------------
+
+
+def glow(width: int = 4, height: int = 64) -> Array:
+    """Return how a candle glows, whose rim is at the lower end."""
+    _, y = canvas(width, height)
+    light = np.exp(-y / 0.16)[..., None]
+    return shrink(light ** np.array([0.75, 1.0, 1.5]) * np.array([0.95, 0.62, 0.3]))
+
+
+def heart(size: int = 128) -> Array:
+    """Return a white heart on black: two half circles above, a point below."""
+    u, v = canvas(size, size)
+    x, y = np.abs(4.2 * u - 2.1), 4.2 * v - 3.1
+    within = np.minimum(x / 2, 1)
+    inside = (
+        (x < 2) & (y < np.sqrt(1 - (2 * within - 1) ** 2)) & (y > -3 * np.sqrt(1 - np.sqrt(within)))
+    )
+    return shrink(inside[..., None] * np.ones(3))
+
+
+# --------------------------------------------------------------------------------------------------
 #  Files
 # --------------------------------------------------------------------------------------------------
 
@@ -366,6 +391,8 @@ JOBS: dict[str, Callable[[Path], None]] = {
     "mandrill": lambda folder: write_png(folder / "mandrill.png", mandrill()),
     "wrinkles": write_wrinkles,
     "planks": lambda folder: write_png(folder / "planks.png", planks()),
+    "glow": lambda folder: write_png(folder / "glow.png", glow()),
+    "heart": lambda folder: write_png(folder / "heart.png", heart()),
     "evening": lambda folder: write_exr(folder / "evening.exr", evening()),
 }
 

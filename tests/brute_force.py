@@ -26,12 +26,12 @@ def equation_20(samples, lens, pixels, *, squares=2, inverse_square=True):
     y = (samples.y.astype(np.float64) - camera.crop_offset[1]) * squares
     rgb = samples.rgb.astype(np.float64)
 
-    def covered(i, left, top, radius_i):
-        """Share of each sample's circle that lies in the square at (left, top)."""
-        x0, x1 = (left - x[i]) / radius_i, (left + 1 - x[i]) / radius_i
-        y0, y1 = (top - y[i]) / radius_i, (top + 1 - y[i]) / radius_i
-        corner = disc_corner_area
-        return (corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)) / np.pi
+    def covered(i, left, top):
+        """Shares of samples' circles in the squares of a pixel: (squares, squares, len(i))."""
+        edges = np.arange(squares + 1)[:, None]
+        across, down = (left + edges - x[i]) / radius[i], (top + edges - y[i]) / radius[i]
+        corners = disc_corner_area(across[None], down[:, None])
+        return np.diff(np.diff(corners, axis=0), axis=1) / np.pi
 
     result = np.zeros((len(pixels), 3))
     for p, (column, row) in enumerate(pixels):
@@ -44,14 +44,12 @@ def equation_20(samples, lens, pixels, *, squares=2, inverse_square=True):
             & (y <= top + squares + radius)
         )
         values, shares = [], []
-        for dy in range(squares):
-            for dx in range(squares):
-                f = light[near] * covered(near, left + dx, top + dy, radius[near])
-                if f.sum() <= 0:
-                    continue
-                values.append(f @ rgb[near] / f.sum())
-                reaching = weight[near] @ covered(near, left + dx, top + dy, radius[near])
-                shares.append(1.0 if samples.lattice else reaching)
+        for share in covered(near, left, top).reshape(squares**2, -1):
+            f = light[near] * share
+            if f.sum() <= 0:
+                continue
+            values.append(f @ rgb[near] / f.sum())
+            shares.append(1.0 if samples.lattice else weight[near] @ share)
         for value, share in zip(values, shares, strict=True):
             result[p] += share * value
             total += share

@@ -333,3 +333,12 @@ def test_the_first_line_tells_what_to_do(loaded, offered, monkeypatch, tmp_path)
     assert str(usable) in first_line()
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/chosen/libLLVM-15.so")
     assert first_line().startswith("Unset DRJIT_LIBLLVM_PATH, in a new process")
+
+
+def test_the_docs_have_what_mitsuba_says_before_this_package_is_imported(tmp_path):
+    """So that whoever searches for it finds what to do."""
+    code = "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')"
+    said = run("-c", code, library=tmp_path / "absent.so").stderr.splitlines()[-1]
+    page = (REPOSITORY / "docs" / "install.md").read_text(encoding="utf-8")
+    assert said.startswith("ImportError: ")
+    assert f"`{said}`" in page

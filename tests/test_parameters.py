@@ -512,7 +512,7 @@ ROWS: dict[str, Callable[[Things], Row]] = {
     "example": lambda it: Row(pm.example, {"name": "terrace"}),
     "progress": lambda it: Row(pm.progress, {"callback": a_function}),
     "Key": lambda it: Row(pm.Key, {"frame": 0.0, "value": 1.0, "easing": "ease"}),
-    "Track": lambda it: Row(pm.Track, {"keys": TRACK.keys, "scale": "linear"}),
+    "Track": lambda it: Row(pm.Track, {"keys": TRACK.keys, "scale": "linear", "unit": "mm"}),
     "Track.of": lambda it: Row(
         pm.Track.of, {"value": 1.0, "scale": "linear"}, {"value": "value|must be a number|keys"}
     ),
@@ -1022,7 +1022,8 @@ def fault_of(function, arguments, name, called, shown) -> str | None:
 def is_meant(warning) -> bool:
     """Whether a warning is one that the package gives on purpose."""
     text = str(warning.message)
-    return warning.category is UserWarning or text.startswith("dropped ")
+    purposely = warning.category in (UserWarning, pm.FocusWarning)
+    return purposely or text.startswith("dropped ")
 
 
 def told(faults):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from potmesil_mi._units import Length, f_number_of, length_text
+from potmesil_mi._units import Length, f_number_of, in_one_unit, length_text
 
 
 @pytest.mark.parametrize(
@@ -46,3 +46,19 @@ def test_a_length_is_told_in_its_unit_where_a_scene_unit_is_one():
     assert length_text(290, 1) == "290 mm"
     assert length_text(3, 25.4) == "3 in"
     assert length_text(2, 50) == "2 (100 mm)"
+
+
+def test_lengths_of_several_units_are_told_in_one_and_inf_needs_none():
+    assert in_one_unit("value", [1.0, 2.0]) == ([1.0, 2.0], None)
+    assert in_one_unit("value", ["1", 2.0]) == ([1.0, 2.0], None)
+    assert in_one_unit("value", ["29cm", "2m", math.inf]) == ([290.0, 2000.0, math.inf], "mm")
+    with pytest.raises(ValueError, match=r"value=.*: must all have a unit, or none"):
+        in_one_unit("value", ["29cm", 2.0])
+    with pytest.raises(ValueError, match="value='far': must be a length"):
+        in_one_unit("value", ["far", 2.0])
+
+
+@pytest.mark.parametrize("parse", [Length.of, f_number_of])
+def test_whoever_writes_a_comma_is_told_how_decimals_and_several_are_written(parse):
+    with pytest.raises(ValueError, match="decimals have a point, and several have spaces between"):
+        parse("2,8")

@@ -1,10 +1,12 @@
 """What a user gets who has no checkout: the wheel, and what it promises on its pages.
 
 The wheel is built of the sdist, and that of a copy of the checkout, without a network. Command
-lines are run as they stand, on what is installed of it.
+lines are run as they stand, on what is installed of it: those of its own page each in a shell, all
+others in one process, because most of the time of each is the start and the compiling of kernels.
 """
 
 import glob
+import json
 import os
 import re
 import shlex
@@ -12,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import threading
 import zipfile
 from pathlib import Path
 
@@ -31,6 +34,9 @@ else:
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parent.parent
+SECONDS = 300
+"""That a command line may take: far more than any takes."""
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 NOT_OF_THE_SOURCE = shutil.ignore_patterns(
@@ -42,7 +48,7 @@ NOT_OF_THE_SOURCE = shutil.ignore_patterns(
 def run(arguments, **options):
     """Run a program that is expected to succeed; returns what it printed."""
     result = subprocess.run(
-        arguments, capture_output=True, text=True, timeout=300, check=False, **options
+        arguments, capture_output=True, text=True, timeout=SECONDS, check=False, **options
     )
     assert result.returncode == 0, f"{arguments}\n{result.stdout[-2000:]}{result.stderr[-3000:]}"
     return result.stdout
@@ -76,6 +82,69 @@ def installed(built, tmp_path_factory):
     for name in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
         environment.pop(name, None)
     return target, environment
+
+
+RUN_LINES = """
+import json, os, sys
+from potmesil_mi.cli import main
+
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # What commands print goes where their errors go.
+for request in sys.stdin:
+    folder, words = json.loads(request)
+    os.chdir(folder)
+    print(main(words), file=answers, flush=True)
+"""
+
+
+def needs_no_file(words):
+    """Whether a command line begins with an example, so that it makes the same in every folder."""
+    return words[1].startswith("example:")
+
+
+def copy_outputs(line, source, folder):
+    for pattern in outputs_of(line):
+        for name in glob.glob(pattern, root_dir=source):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            copy = shutil.copytree if (source / name).is_dir() else shutil.copy
+            copy(source / name, folder / name)
+
+
+@pytest.fixture(scope="module")
+def one_process(installed, tmp_path_factory):
+    """A function that runs a command line, in a process that runs all that it is given.
+
+    What is made of an example is made once, and copied where the same line stands elsewhere.
+    """
+    folder = tmp_path_factory.mktemp("process")
+    printed = folder / "printed"
+    with (
+        printed.open("w") as file,
+        subprocess.Popen(
+            [sys.executable, "-c", RUN_LINES],
+            env=installed[1],
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=file,
+            text=True,
+        ) as process,
+    ):
+        made_in = {}
+
+        def run_line(line, folder):
+            words = shlex.split(line, comments=True)[1:]
+            if made_in.setdefault(tuple(words), folder) != folder and needs_no_file(words):
+                copy_outputs(line, made_in[tuple(words)], folder)
+                return
+            watch = threading.Timer(SECONDS, process.kill)
+            watch.start()
+            print(json.dumps([str(folder), words]), file=process.stdin, flush=True)
+            answer = process.stdout.readline()
+            watch.cancel()
+            assert answer == "0\n", f"{line}\n{printed.read_text()[-3000:]}"
+
+        yield run_line
 
 
 # ---------------------------------------------------------------- what is in it
@@ -166,19 +235,26 @@ def outputs_of(line):
     return [re.sub(r"{.*?}", "*", name) for name in named]
 
 
-def run_as_they_stand(lines, installed, folder):
+def run_as_they_stand(lines, run_line, folder):
     assert lines
     for line in lines:
-        run(["bash", "-c", line], env=installed[1], cwd=folder)
+        run_line(line, folder)
         missing = [name for name in outputs_of(line) if not glob.glob(name, root_dir=folder)]
         assert not missing, line
 
 
-@pytest.mark.parametrize("page", ["README.md", PROJECT["readme"]])
-def test_command_lines_of_the_page_run_as_they_stand(page, installed, tmp_path):
-    run_as_they_stand(lines_of_page(page), installed, tmp_path)
+def test_command_lines_of_the_packages_page_run_as_they_stand(installed, tmp_path, capsys):
+    def run_in_shell(line, folder):
+        run(["bash", "-c", line], env=installed[1], cwd=folder)
+
+    lines = lines_of_page(PROJECT["readme"]) + lines_of_help("completion", capsys)
+    run_as_they_stand(lines, run_in_shell, tmp_path)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_examples_of_the_help_run_as_they_stand(command, installed, tmp_path, capsys):
-    run_as_they_stand(lines_of_help(command, capsys), installed, tmp_path)
+def test_command_lines_of_the_repositorys_page_run_as_they_stand(one_process, tmp_path):
+    run_as_they_stand(lines_of_page("README.md"), one_process, tmp_path)
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "completion"])
+def test_examples_of_the_help_run_as_they_stand(command, one_process, tmp_path, capsys):
+    run_as_they_stand(lines_of_help(command, capsys), one_process, tmp_path)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
 from .._progress import reported, step_progress
+from .._units import f_number_of, in_one_unit
 from .._validation import require_kind, require_number, require_whole, shown
 from ..filters.base import Filter, FilterFunction, as_filters
 from ..focusing.session import FocusSession
@@ -32,6 +33,7 @@ from ..motion.track import (
 )
 from ..optics.aperture import Aperture
 from ..optics.lens import ThinLens
+from ..optics.lens_checks import IN_MILLIMETERS, IN_SCENE_UNITS
 from ..optics.telecentric import TelecentricLens, require_lens
 from ..samples.point_samples import PointSamples
 
@@ -49,7 +51,7 @@ LENS_TRACKS: dict[str, Scale] = {
 }
 """Parameters of a lens that can change, and in what they do so evenly."""
 
-FOCUS_DISTANCE = "focus_distance"
+FOCUS_DISTANCE, F_NUMBER = "focus_distance", "f_number"
 
 APERTURE = "aperture"
 """The parameter of a lens that is the same in all frames."""
@@ -304,12 +306,27 @@ def _of_lens(name: str, value: Any) -> Track | Aperture:
     with named(f"lens.{name}"):
         if name == APERTURE:
             return Aperture.parse(value)
+        value, unit = _in_numbers(name, value)
         if name == FOCUS_DISTANCE:
             # Of a telecentric lens, which may be focused behind where depths begin, it may be <= 0.
             with contextlib.suppress(ValueError):
-                return Track.of(value, LENS_TRACKS[name])
-            return Track.of(value)
-        return Track.of(value, LENS_TRACKS.get(name, "linear"))
+                return dataclasses.replace(Track.of(value, LENS_TRACKS[name]), unit=unit)
+            return dataclasses.replace(Track.of(value), unit=unit)
+        return dataclasses.replace(Track.of(value, LENS_TRACKS.get(name, "linear")), unit=unit)
+
+
+def _in_numbers(name: str, value: Any) -> tuple[Any, str | None]:
+    """A value, or the keys of a track, without texts such as ``1.2m`` and ``f/2.8``; the unit."""
+    keys = is_list_of_keys(value) and all(len(key) > 1 for key in value)
+    values = [key[1] for key in value] if keys else [value]
+    unit = None
+    if name == F_NUMBER:
+        values = [f_number_of(one) if isinstance(one, str) else one for one in values]
+    elif name in (*IN_MILLIMETERS, *IN_SCENE_UNITS):
+        values, unit = in_one_unit("value", values)
+    if not keys:
+        return values[0], unit
+    return [[key[0], one, *key[2:]] for key, one in zip(value, values, strict=True)], unit
 
 
 def _filter(what: str, values: Mapping[str, Any]) -> AnimatedFilter:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._files import require_writable
+from .._files import require_each_once, require_writable
 from .._image import PICTURES, PictureForm, require_format, write_picture
 from .._validation import shown
 
@@ -65,6 +65,7 @@ class FrameFiles:
         **form: Unpack[PictureForm],
     ) -> None:
         self.patterns, self.form = patterns, form
+        require_each_once(patterns)
         for pattern in patterns:
             if len(PLACE.findall(pattern)) != 1 or BRACE.search(PLACE.sub("", pattern)):
                 raise ValueError(

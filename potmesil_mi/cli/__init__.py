@@ -14,12 +14,16 @@ from typing import NoReturn
 TRACEBACK = "POTMESIL_TRACEBACK"
 """Environment variable: if it is set, errors end in Python's traceback instead of in a line."""
 
+BROKEN_PIPE = 141
+"""The exit code of what ends by the signal that there is for it."""
+
 ENDING = ("SIGTERM", "SIGHUP")
 """Signals that ask the program to end."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0, 1 for an error, 130 for Ctrl-C.
+    """Run the command line; returns the exit code: 0, 1 for an error, 130 for Ctrl-C,
+    141 where nobody reads what it prints.
 
     Wrong usage ends in ``SystemExit(2)``, a signal that asks the program to end in one of 128 and
     its number, after what was being written has been removed.
@@ -30,6 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from .program import run
 
             run(sys.argv[1:] if arguments is None else [*arguments])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever reads what is printed has had enough; Python must not say so at its end, either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except KeyboardInterrupt:
         print("potmesil: interrupted", file=sys.stderr)
         return 130

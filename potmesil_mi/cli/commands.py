@@ -8,8 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._units import Length
-from .given import given_denoise, given_form, given_method, given_sampling, unit_of
+from .._units import MILLIMETERS, Length
+from .given import (
+    given_denoise,
+    given_form,
+    given_method,
+    given_sampling,
+    stated_unit,
+    unit_of,
+)
 from .options import (
     add_denoise,
     add_filter,
@@ -22,6 +29,7 @@ from .options import (
     add_samples,
     add_sampling,
     add_scene,
+    add_units,
     add_variant,
     f_number,
     length,
@@ -285,8 +293,9 @@ def dof_options(command: argparse.ArgumentParser) -> str:
         "980 550 290)",
     )  # fmt: skip
     command.add_argument(
-        "--millimeters-per-unit", type=float, default=1.0, help="size of a scene unit (default 1)"
+        "--millimeters-per-unit", type=float, metavar="S", help="size of a scene unit (default 1)"
     )
+    add_units(command)
     return DOF_EXAMPLES
 
 
@@ -295,7 +304,8 @@ def dof(options: argparse.Namespace) -> None:
     from ..optics.lens import ThinLens
 
     rows = []
-    unit = options.millimeters_per_unit
+    stated = stated_unit(options)
+    unit = 1.0 if stated is None else stated
     for number in options.f_number:
         for distance in options.focus_distance:
             lens = ThinLens(
@@ -318,17 +328,18 @@ def dof(options: argparse.Namespace) -> None:
     if options.json:
         Report(options).values({"focal_length": options.focal_length, "rows": rows})
     else:
-        _print_depths(options, rows)
+        _print_depths(options.focal_length, unit, rows)
 
 
-def _print_depths(options: argparse.Namespace, rows: Sequence[Mapping[str, float]]) -> None:
+def _print_depths(focal_length: float, size: float, rows: Sequence[Mapping[str, float]]) -> None:
     """Print depths of field as a table, as the paper's is."""
     from rich.box import SIMPLE
     from rich.table import Table
 
-    unit = "mm" if options.millimeters_per_unit == 1 else "units"
+    names = {millimeters: name for name, millimeters in MILLIMETERS.items()}
+    unit = names.get(size, "units")
     digits = 0 if unit == "mm" else 3
-    table = Table(box=SIMPLE, title=f"Depth of field of a {options.focal_length:g} mm lens")
+    table = Table(box=SIMPLE, title=f"Depth of field of a {focal_length:g} mm lens")
     for heading in ("Aperture", "Focused distance", "U+", "U-", "Depth of field"):
         table.add_column(heading if heading == "Aperture" else f"{heading}\n({unit})")
         table.columns[-1].justify = "right"
@@ -359,12 +370,13 @@ def _check_outputs(
     maps: Sequence[MapName] = (),
 ) -> None:
     """Find out before a long rendering that its result cannot be written."""
-    from .._files import require_writable
+    from .._files import require_each_once, require_writable
     from .._image import PICTURES, require_format
 
     if maps and not _has_maps(pictures):
         raise ValueError(f"maps={' '.join(maps)}: only an EXR has them; name one with -o")
 
+    require_each_once(pictures)
     for path in pictures:
         require_writable(path, PICTURES)
     require_format(pictures, **form)

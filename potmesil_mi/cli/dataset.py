@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._units import length_of
 from .cluster import add_many, given_cluster
+from .given import range_of, unit_of
 from .options import (
     LENS_OPTIONS,
     SAMPLING_OPTIONS,
@@ -25,11 +27,11 @@ from .taking import Opened, sampling_for, tell_done
 if TYPE_CHECKING:
     from .._cluster import Cluster
     from ..motion.motion import Motion
-    from ..optics.camera import Camera
     from ..stacks.forming import Failed, Forming
     from ..stacks.layouts import StackFiles
     from ..stacks.plan import StackPlan
     from ..stacks.recipe import Recipe, StackDraw, View
+    from ..tracing.sensor import LensSensor
 
 INDEX = "dataset.json"
 """The file that tells of all stacks."""
@@ -190,7 +192,7 @@ class _Opening:
                 **dict.fromkeys(LENS_OPTIONS),
                 "spp": 0,
                 **sampling,
-                "units": None,
+                "units": view.units,
                 "focus_at": None,
                 "focus_on": None,
                 "scene": view.path,
@@ -255,13 +257,15 @@ def _do_view(opening: _Opening, view: View, folder: Path, failed: Failed) -> tup
 def _forming(opening: _Opening, view: View, opened: Opened, lenses: list[Any]) -> Forming:
     """What forms the pictures of a view, whose samples serve all ``lenses``."""
     from ..focusing.session import FocusSession
+    from ..stacks.foci import warn_of_no_focus
     from ..stacks.forming import Forming
 
     sampling = sampling_for(opened.sensor.lens(), lenses, opened.sampling)
     if "normals" in opening.recipe.maps:
         sampling = dataclasses.replace(sampling, features=True)
-    motion = _motion(view, opened.sensor.camera())
+    motion = _motion(view, opened.sensor)
     samples = opened.sampled(opening.options_of(view), sampling, view.seed, motion)
+    warn_of_no_focus(samples, lenses)
     session = FocusSession(samples, opened.method)
     return Forming(session, opened.film.rfilter(), opened.has_alpha, opened.filters)
 
@@ -301,7 +305,7 @@ def _name_of(view: View, stack: StackDraw | None = None) -> str:
     return name if stack is None else f"{name}, lens {stack.lens}, aperture {stack.aperture}"
 
 
-def _motion(view: View, camera: Camera) -> Motion | None:
+def _motion(view: View, sensor: LensSensor) -> Motion | None:
     """What puts the camera where a view has it; ``None`` where the sensor has it."""
     import numpy as np
 
@@ -312,9 +316,10 @@ def _motion(view: View, camera: Camera) -> Motion | None:
 
     if not any(view.turn.values()) and not any(view.move):
         return None
-    own = camera.world_from_camera()
+    own = sensor.camera().world_from_camera()
     axes = own[:3, :3] / np.linalg.norm(own[:3, :3], axis=0)
-    right, up, ahead = view.move
+    unit = unit_of(sensor)
+    right, up, ahead = (length_of(f"move[{i}]", one, unit) for i, one in enumerate(view.move))
     origin = own[:3, 3] + axes @ (-right, up, ahead)
     angles = dict(zip(ANGLES, map(float, angles_of(axes)), strict=True))
     turned: dict[str, Any] = {
@@ -331,6 +336,8 @@ def _require_sampling(path: str, recipe: Recipe) -> None:
     sampling = dict(recipe.sampling)
     try:
         require_whole("spp", sampling.pop("spp", 0), 0, 2**32 - 1)
+        if isinstance(sampling.get("focus_range"), str):  # which may be of lengths with units
+            sampling["focus_range"] = range_of(sampling["focus_range"], 1.0)
         for name in sampling:
             if name not in SAMPLING_OPTIONS:
                 known = ", ".join(("spp", *SAMPLING_OPTIONS))

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from .._units import MILLIMETERS, Length
+from .._warnings import FocusWarning
 from .options import LENS_OPTIONS, METHOD_OPTIONS, PICTURE_OPTIONS, SAMPLING_OPTIONS
 
 if TYPE_CHECKING:
@@ -31,14 +34,20 @@ def unit_of(sensor: mi.Sensor) -> float:
 
 
 def given_lens(
-    options: argparse.Namespace, millimeters_per_unit: float | None = None
+    options: argparse.Namespace,
+    millimeters_per_unit: float | None = None,
+    telecentric: bool = False,
 ) -> dict[str, Any]:
     """Parameters of the lens that the options give, lengths in scene units.
 
-    These are of ``millimeters_per_unit`` unless the options say it; ``None``: nothing does.
+    These are of ``millimeters_per_unit`` unless the options say it; ``None``: nothing does, nor
+    does a ``telecentric`` lens, which has no such parameter.
     """
     lens, stated = _given(options, LENS_OPTIONS), stated_unit(options)
-    if stated is not None:
+    if telecentric:
+        lens.pop("millimeters_per_unit", None)
+        millimeters_per_unit = stated
+    elif stated is not None:
         lens["millimeters_per_unit"] = millimeters_per_unit = stated
     if chooses_focus(options) and "focus_distance" in lens:
         raise ValueError(
@@ -86,10 +95,25 @@ def _plain(name: str, value: Any, millimeters_per_unit: float | None) -> Any:
         return value
     if value.unit is not None and millimeters_per_unit is None:
         raise ValueError(
-            f"{name}={value.number:g}{value.unit}: needs the size of a scene unit; it must be said "
-            "by --units"
+            f"{name}={value}: needs the size of a scene unit; it must be said by --units"
         )
     return value.in_units(millimeters_per_unit or 1.0)
+
+
+def with_units(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values with lengths, or lists of them, as texts where they have a unit, else as numbers.
+
+    So a lens takes them, which knows the size of a scene unit.
+    """
+    return {name: _with_unit(value) for name, value in values.items()}
+
+
+def _with_unit(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_with_unit(one) for one in value]
+    if not isinstance(value, Length):
+        return value
+    return value.number if value.unit is None else str(value)
 
 
 def chooses_focus(options: argparse.Namespace) -> bool:
@@ -114,6 +138,14 @@ def with_chosen_focus(options: argparse.Namespace, samples: PointSamples) -> Poi
         x, y = (value * side if share else value for (value, share), side in sides)
         with renamed("x", "focus_at: x"):
             distance = focus_distance_at(samples, x, y)
+        if math.isinf(distance):
+            hint = "; shares of the picture have a %, such as 50%,50%" if max(x, y) < 1 else ""
+            warnings.warn(
+                f"focus_at: x={x:g}, y={y:g}: nothing is there, so that the lens is focused at "
+                f"infinity{hint}",
+                FocusWarning,
+                stacklevel=1,
+            )
     return samples.replace(lens=samples.lens.replace(focus_distance=distance))
 
 
@@ -138,11 +170,11 @@ def given_sampling(
     sampling = getattr(integrator, "sampling", Sampling())
     given = _given(options, SAMPLING_OPTIONS)
     if given.get("focus_range") is not None:
-        given["focus_range"] = _range_of(given["focus_range"], millimeters_per_unit)
+        given["focus_range"] = range_of(given["focus_range"], millimeters_per_unit)
     return dataclasses.replace(sampling, **given)
 
 
-def _range_of(text: str, millimeters_per_unit: float) -> str | tuple[float, ...]:
+def range_of(text: str, millimeters_per_unit: float) -> str | tuple[float, ...]:
     """Both ends of a range such as ``0.8m/3m`` in scene units; other text as it is."""
     try:
         return tuple(Length.of(end).in_units(millimeters_per_unit) for end in text.split("/"))

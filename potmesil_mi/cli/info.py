@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import functools
-import math
 from typing import TYPE_CHECKING, Any
 
+from .._units import said_length
 from .options import add_lens, add_picture, add_scene, add_variant
-from .report import Report, about_picture, console, said_length
+from .report import Report, about_picture, console
 from .taking import SCENE, probed, samples_of_file, scene_with_lens
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def info(options: argparse.Namespace) -> None:
     if options.map is not None:
         require_writable(options.map, PICTURES)
     if options.scene.lower().endswith(SCENE):
-        scene, sensor = scene_with_lens(options, {"f_number": math.inf})
+        scene, sensor = scene_with_lens(options, pinholes=True)
         samples = probed(scene, sensor, options.spp)
         found = {**about(samples), "sampling_bytes": _memory_of_sampling(scene, sensor, samples)}
     else:
@@ -77,7 +77,8 @@ def about(samples: PointSamples) -> dict[str, Any]:
     """What there is to tell of what samples see, lengths in scene units, as JSON has it."""
     from ..focusing.memory import memory_of_focus
     from ..focusing.methods import Layered
-    from ..samples.circles import DepthRange, surface_depths
+    from ..samples.circles import surface_depths
+    from ..samples.depth_range import DepthRange
 
     camera, depths = samples.camera, DepthRange.of(samples)
     found: dict[str, Any] = {

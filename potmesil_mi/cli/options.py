@@ -241,10 +241,7 @@ def add_lens(command: argparse.ArgumentParser) -> None:
     types = {**_types_of(TelecentricLens), **_types_of(ThinLens)}
     group = command.add_argument_group("lens", "default: what the scene or the samples say")
     _add_parameters(group, types, LENS_OPTIONS)
-    group.add_argument(
-        "--units", choices=MILLIMETERS,
-        help="what a scene unit is, in the place of --millimeters-per-unit",
-    )  # fmt: skip
+    add_units(group)
     group.add_argument(
         "--focus-at", metavar="X,Y", type=_place,
         help="focus on what this pixel shows, from the top left corner; or 30%%,50%%",
@@ -252,6 +249,14 @@ def add_lens(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--focus-on", metavar="NAME",
         help="focus on the surface of this name (`potmesil info` lists them), or on the center",
+    )  # fmt: skip
+
+
+def add_units(group: argparse._ActionsContainer) -> None:
+    """Add the option that names a scene unit."""
+    group.add_argument(
+        "--units", choices=MILLIMETERS,
+        help="what a scene unit is, in the place of --millimeters-per-unit",
     )  # fmt: skip
 
 

@@ -11,6 +11,17 @@ REFUSED = "unrecognized arguments"
 """How an error of arguments that no option takes begins, as argparse says it."""
 
 
+OTHER_WORDS = {
+    "--fstop": "--f-number",
+    "--f-stop": "--f-number",
+    "--focal": "--focal-length",
+    "--focus": "--focus-distance",
+    "--samples-per-pixel": "--spp",
+    "--unit": "--units",
+}
+"""Options as others call them, and what they are here."""
+
+
 class CommandParser(argparse.ArgumentParser):
     """A parser that takes no abbreviations, whose errors suggest what may have been meant."""
 
@@ -60,7 +71,9 @@ class CommandParser(argparse.ArgumentParser):
     def _suggestion(self, unknown: Sequence[str]) -> str:
         known = [text for one in self._actions for text in one.option_strings]
         for argument in unknown:
-            near = nearest(argument.partition("=")[0], known)
+            name = argument.partition("=")[0]
+            meant = OTHER_WORDS.get(name)
+            near = meant if meant in known else nearest(name, known)
             if near:
                 return f"; did you mean {near}?"
         return ""

@@ -185,10 +185,11 @@ def _errors_of(command: CommandParser, options: argparse.Namespace) -> Iterator[
     try:
         yield
     except (ValueError, TypeError) as error:
-        found = re.match(r"(\w+)(?=[=:])", str(error))
+        found = re.match(r"(\w+)(?=(?:\[\d+\])?[=:])", str(error))
         option = command.option_of(found[1]) if found else None
         given = getattr(options, found[1], None) if found else None
-        if found is None or option is None or given is None or given is False or given == []:
+        is_given = not (given is None or given is False or given == [])
+        if found is None or option is None or not (is_given or ": must be given" in str(error)):
             raise
         raise type(error)(f"{option}{str(error)[found.end() :]}") from error
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import functools
 import json
-import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._memory import peak_memory
-from .._units import length_text
+from .._units import said_length
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,7 +81,8 @@ def console() -> Console:
 def about_picture(samples: PointSamples, lens: Any) -> dict[str, Any]:
     """How a lens blurs samples, by names: ``focus_distance`` and other lengths in scene units."""
     from ..optics.lens import ThinLens
-    from ..samples.circles import DepthRange, largest_circle, sharp_range
+    from ..samples.circles import largest_circle, sharp_range
+    from ..samples.depth_range import DepthRange
 
     plain = lens.plain()
     near, far = sharp_range(plain, samples.camera)
@@ -110,12 +110,3 @@ def sentence(about: Mapping[str, Any]) -> str:
         f"{length(about['sharp_from'])} to {length(about['sharp_to'])}, circles up to "
         f"{circle:.{1 if circle < 10 else 0}f} pixels"
     )
-
-
-def said_length(value: float | None, unit: float | None) -> str:
-    """A length in words, of scene units of so many millimetres; ``None`` where nothing is known."""
-    if value is None:
-        return "-"
-    if math.isinf(value):
-        return "infinity"
-    return f"{value:.4g}" if unit is None else length_text(value, unit)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .cluster import add_many, given_cluster
-from .given import given_form, given_method, in_units, stated_unit
+from .given import given_form, given_method, in_units, renamed, stated_unit, with_units
 from .options import (
     OPTION_NAMES,
     add_denoise,
@@ -129,22 +131,49 @@ def stack_options(command: argparse.ArgumentParser) -> str:
 def stack(options: argparse.Namespace) -> None:
     """``potmesil stack``: samples once, then the pictures."""
     from ..filters.base import as_filters
-    from ..stacks.foci import Foci, read_table
 
     report = Report(options)
-    unit = stated_unit(options)
-    given = {name: getattr(options, name) for name in ("distances", "nearest", "farthest")}
-    given = in_units({of: value for of, value in given.items() if value is not None}, unit)
-    ends = given.get("nearest"), given.get("farthest"), options.count
-    table = None if options.lenses is None else read_table(options.lenses)
-    foci = Foci(given.get("distances"), *ends, options.f_numbers, table)
+    foci = _foci(options)
     files = _files(options, len(foci))
     filters = as_filters(options.filter)
     if options.scene.lower().endswith(SCENE):
         made = _of_scene(options, foci, files, filters)
     else:
         made = _of_file(options, foci, files, filters)
-    report.files([*options.output, files.stack], f"{made} of {len(foci)} pictures were made")
+    report.files([*files.pictures, files.stack], f"{made} of {len(foci)} pictures were made")
+
+
+def _foci(options: argparse.Namespace) -> Foci:
+    """What the options say of the lenses."""
+    from ..samples.files import holds_samples
+    from ..stacks.foci import Foci, read_table
+
+    unit = stated_unit(options)
+    given = {name: getattr(options, name) for name in ("distances", "nearest", "farthest")}
+    given = {name: value for name, value in given.items() if value is not None}
+    # A scene and samples know what their unit is, and a picture of another program does not.
+    knows = options.scene.lower().endswith(SCENE) or holds_samples(options.scene)
+    given = with_units(given) if unit is None and knows else in_units(given, unit)
+    ends = given.get("nearest"), given.get("farthest"), options.count
+    table = None if options.lenses is None else read_table(options.lenses)
+    with _ends_renamed():
+        return Foci(given.get("distances"), *ends, options.f_numbers, table)
+
+
+def _lenses_of(foci: Foci, lens: Lens, options: argparse.Namespace) -> list[Lens]:
+    """All lenses of a stack, of the ``lens`` at hand."""
+    from ..motion.track import named
+
+    table = contextlib.nullcontext() if options.lenses is None else named(options.lenses)
+    with table, _ends_renamed():
+        return foci.lenses(lens)
+
+
+@contextlib.contextmanager
+def _ends_renamed() -> Iterator[None]:
+    """Let errors of ``near`` and ``far`` speak of the options, which pictures have, too."""
+    with renamed("near", "nearest"), renamed("far", "farthest"):
+        yield
 
 
 def _files(options: argparse.Namespace, count: int) -> StackFiles:
@@ -208,7 +237,7 @@ def _of_scene(
         **scene_told(options),
         **how_formed(options, opened.method, filters),
     }
-    plan = _plan(options, foci.lenses(lens), files, how)
+    plan = _plan(options, _lenses_of(foci, lens, options), files, how)
     items = _to_do(options, plan)
     if items is None:
         return 0
@@ -240,7 +269,7 @@ def _of_file(
         set_variant(options.variant)
     samples = samples_of_file(options.scene, options, foci)
     how = {"source": file_name(options.scene), **how_formed(options, method, filters)}
-    plan = _plan(options, foci.lenses(samples.lens), files, how)
+    plan = _plan(options, _lenses_of(foci, samples.lens, options), files, how)
     items = _to_do(options, plan)
     if items is None:
         return 0
@@ -254,8 +283,10 @@ def _of_file(
 
 def _do(forming: Forming, plan: StackPlan, items: list[StackItem], cluster: Cluster | None) -> None:
     """Form and write the pictures, by a cluster if there is one."""
+    from ..stacks.foci import warn_of_no_focus
     from ..stacks.workers import do_elsewhere
 
+    warn_of_no_focus(forming.samples, [item.lens for item in plan.items])
     if cluster is None:
         forming.do(plan, items)
     else:

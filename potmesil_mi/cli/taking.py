@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import difflib
 import math
+import re
 import shlex
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -45,20 +47,23 @@ SCENE = ".xml"
 OPENINGS = {"f_number", "aperture_radius"}
 """Two parameters of which one says how wide the aperture is."""
 
+ORTHOGRAPHIC_PINHOLE = {"half_angle": 0.0, "focus_distance": 1.0}
+"""The lens of an orthographic sensor that has all in focus, wherever it is focused."""
+
 PROBES = 4
 """Most samples a pixel that are taken to find out how deep a scene is."""
 
 
 def scene_with_lens(
-    options: argparse.Namespace, otherwise: Mapping[str, Any] | None = None
+    options: argparse.Namespace,
+    otherwise: Mapping[str, Any] | None = None,
+    pinholes: bool = False,
 ) -> tuple[mi.Scene, mi.Sensor]:
     """The scene, and its sensor with the lens of the options.
 
     Where these do not say it, the lens has the parameters ``otherwise``. Raises ``ValueError``
-    where nothing says how wide its aperture is.
+    where nothing says how wide its aperture is, unless ``pinholes`` may stay what they are.
     """
-    import mitsuba as mi
-
     from ..tracing.sensor import (
         has_lens,
         is_orthographic,
@@ -67,32 +72,33 @@ def scene_with_lens(
         stated_focus_distance,
     )
 
-    set_variant(options.variant)
-    # Optimised loading merges meshes of one material, and with them their ids and names.
-    scene = mi.load_file(options.scene, optimize=False, **dict(options.define))
+    scene = _load(options)
     if scene.integrator() is None:
         raise ValueError(f"{options.scene}: has no integrator")
     sensor = pick_sensor(scene, options.sensor)
-    given, lens = given_lens(options, unit_of(sensor)), dict(otherwise or {})
+    orthographic, has_own = is_orthographic(sensor), has_lens(sensor)
+    given, lens = given_lens(options, unit_of(sensor), orthographic), dict(otherwise or {})
+    if pinholes and not has_own:
+        lens.update(ORTHOGRAPHIC_PINHOLE if orthographic else {"f_number": math.inf})
     if not given.keys().isdisjoint(OPENINGS):
         lens = {name: value for name, value in lens.items() if name not in OPENINGS}
     lens.update(given)
     chooses = chooses_focus(options)
     told = chooses or "focus_distance" in lens or stated_focus_distance(sensor) is not None
-    if is_orthographic(sensor):
-        if not (has_lens(sensor) or (told and "half_angle" in lens)):
+    if orthographic:
+        if not (has_own or (told and "half_angle" in lens)):
             raise ValueError(
                 f"{options.scene}: its sensor is orthographic and has no lens; describe one with "
                 "--half-angle and --focus-distance"
             )
         anywhere = {"focus_distance": 1.0}
     else:
-        _require_opening(options, has_lens(sensor), lens)
+        _require_opening(options, has_own, lens)
         anywhere = {}
     if chooses:
         samples = probed(scene, potmesil_sensor(sensor, **{**lens, **anywhere}))
         lens["focus_distance"] = with_chosen_focus(options, samples).lens.focus_distance
-    elif not told and not has_lens(sensor):
+    elif not (told or has_own or lens.get("f_number") == math.inf):
         warnings.warn(
             "focus_distance: is not given, so that the lens is focused at infinity; "
             "--focus-distance, --focus-at X,Y or --focus-on NAME say where else",
@@ -100,6 +106,57 @@ def scene_with_lens(
             stacklevel=1,
         )
     return scene, potmesil_sensor(sensor, **lens)
+
+
+def _load(options: argparse.Namespace) -> mi.Scene:
+    """The scene of the options. Raises ``OSError`` or ``ValueError`` for a file that is none."""
+    from .._files import require_readable
+    from .._image import PICTURES
+    from ..samples.files import holds_samples
+
+    path = require_readable(options.scene)
+    samples = holds_samples(path)
+    if samples or path.suffix.lower() in PICTURES:
+        what = "samples" if samples else "a picture"
+        raise ValueError(
+            f"{path}: holds {what}, and a scene is needed; `potmesil focus` forms pictures of it"
+        )
+    set_variant(options.variant)
+    import mitsuba as mi
+
+    try:
+        # Optimised loading merges meshes of one material, and with them their ids and names.
+        return mi.load_file(options.scene, optimize=False, **dict(options.define))
+    except RuntimeError as error:
+        why = str(error)
+        _require_parameters(path, options.define, why)
+        missing = re.search(r"undefined parameter: \$(\w+)", why)
+        if missing:
+            raise ValueError(
+                f"{path}: ${missing[1]} has no value; -D {missing[1]}=... gives it"
+            ) from None
+        raise
+
+
+def _require_parameters(path: Path, given: Iterable[tuple[str, str]], why: str) -> None:
+    """Raise ``ValueError`` for a parameter that a scene does not have, ``why`` it is not loaded."""
+    unused = [key for key, _ in given if re.search(rf"^\s*- \${re.escape(key)}=", why, re.M)]
+    if unused:
+        there = dict.fromkeys(_parameters_in(path, set()))
+        near = difflib.get_close_matches(unused[0], there, n=1)
+        meant = f"did you mean {near[0]}?" if near else f"it has {', '.join(there) or 'none'}"
+        raise ValueError(f"define={unused[0]}: the scene has no ${unused[0]}; {meant}") from None
+
+
+def _parameters_in(path: Path, seen: set[Path]) -> Iterator[str]:
+    """The names of the parameters of a scene in its file and those that it includes."""
+    if path in seen or not path.is_file():
+        return
+    seen.add(path)
+    text = path.read_text("utf-8", errors="replace")
+    yield from re.findall(r"\$(\w+)", text)
+    for name in re.findall(r"<include\s+filename=\"([^\"]+)\"", text):
+        yield from _parameters_in(path.parent / name, seen)
 
 
 def _require_opening(options: argparse.Namespace, has_lens: bool, lens: Mapping[str, Any]) -> None:
@@ -273,12 +330,15 @@ def samples_of_file(
     from ..samples.files import holds_samples
     from ..samples.point_samples import PointSamples
 
+    if path.lower().endswith(SCENE):
+        raise ValueError(f"{path}: is a scene; `potmesil render --samples` takes its samples")
     if holds_samples(path):
         samples = PointSamples.load(path)
         picture = given_picture(options)
         if picture:
             raise ValueError(f"{', '.join(picture)}: is of a picture, but {path} holds samples")
-        lens = given_lens(options, getattr(samples.lens, "millimeters_per_unit", None))
+        unit = getattr(samples.lens, "millimeters_per_unit", None)
+        lens = given_lens(options, unit, samples.camera.projection == "orthographic")
         return with_chosen_focus(options, samples.replace(lens=samples.lens.replace(**lens)))
     picture, lens = given_picture(options), given_lens(options)
     if several is not None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _backend as jit
 from ..samples.point_samples import PointSamples
-from .fragments import SHARE, Fragments, as_column, scatter_mode
+from .fragments import SHARE, Fragments, among_few, as_column, scatter_mode
 
 DEGREES = {1: 2, 2: 1, 3: 1}
 """Degree of the moments for so many subpixels on a side of a pixel; of more, none are needed."""
@@ -108,7 +108,7 @@ class Detail:
         colours, alpha = [], []
         for term, column in enumerate(self.colours):
             moment = dr.gather(jit.Array4f, column, row, known) * times
-            of_share = dr.zeros(jit.Float, fragments.width * fragments.height)
+            of_share = dr.zeros(jit.Float, among_few(fragments.width * fragments.height))
             dr.scatter_add(of_share, moment[SHARE], subpixel, first, mode=scatter_mode())
             dr.eval(moment, of_share)
             shift = dr.gather(jit.Float, of_share, subpixel, known)

@@ -27,7 +27,7 @@ from ..optics.convolution import convolve_fully
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 from .exposure import Exposure
-from .fragments import scatter_mode
+from .fragments import among_few, scatter_mode
 from .smearing import samples_along_paths
 
 SCATTERED_AT_ONCE = 1 << 21
@@ -247,7 +247,8 @@ def _spread(
     if small:
         box = reached
     shape = (1 if small else side**2, *box.shape, target.shape[-1])
-    gathered = dr.zeros(jit.Float, math.prod(shape))
+    size = math.prod(shape)
+    gathered = dr.zeros(jit.Float, among_few(size, 2))
     for part in parts:
         x, class_x = classes.locate(samples.x[index[part]], classes.left, side)
         y, class_y = classes.locate(samples.y[index[part]], classes.top, side)
@@ -257,7 +258,7 @@ def _spread(
             _scatter_add(gathered, light_of(part), place, (kernels, class_, box.width))
         else:
             _scatter_add(gathered, light_of(part), class_ * box.size + place)
-    images = np.array(gathered).reshape(shape)
+    images = np.array(gathered)[:size].reshape(shape)
     del gathered
     if small:
         _add(target, images[0], box)
@@ -282,7 +283,7 @@ def _scatter_add(
     With ``around`` it is spread over the K x L places around: kernels (classes, K, L), the class
     of each row, and the number of places in a row of the picture.
     """
-    mode = scatter_mode()
+    mode = scatter_mode(values.size / dr.width(target))
     channels = values.shape[1]
     lane = dr.arange(jit.UInt32, values.size)
     row = lane // channels
@@ -292,15 +293,16 @@ def _scatter_add(
     if around is None:
         dr.scatter_add(target, value, index, mode=mode)
     else:
-        kernels, class_, width = around
+        kernels, class_, across = around
         rows, columns = kernels.shape[1:]
+        width = dr.opaque(jit.Int32, across * channels)
         flat = jit.from_numpy(jit.Float, kernels.ravel())
         first = dr.gather(jit.UInt32, jit.from_numpy(jit.UInt32, class_), row) * (rows * columns)
         for i, (dy, dx) in enumerate(itertools.product(range(rows), range(columns))):
             if kernels[:, dy, dx].any():
-                offset = (dy - rows // 2) * width + dx - columns // 2
+                offset = (dy - rows // 2) * width + (dx - columns // 2) * channels
                 share = dr.gather(jit.Float, flat, first + i)
-                beside = jit.UInt32(jit.Int32(index) + offset * channels)
+                beside = jit.UInt32(jit.Int32(index) + offset)
                 dr.scatter_add(target, value * share, beside, mode=mode)
     dr.eval(target)
 

@@ -321,3 +321,12 @@ def scatter_mode(density: float = math.inf) -> dr.ReduceMode:
         return dr.ReduceMode.Auto
     pays = density > SPARSE and jit.evaluates_alone()
     return dr.ReduceMode.Expand if pays else dr.ReduceMode.Direct
+
+
+def among_few(count: int, an_octave: int = 4) -> int:
+    """The least number from ``count`` on of a few, so many from one power of 2 to the next.
+
+    Where Dr.Jit gives each of its threads a copy of what is scattered to, the size is in the code,
+    which is compiled anew for each.
+    """
+    return math.ceil(2 ** (math.ceil(math.log2(count) * an_octave) / an_octave))

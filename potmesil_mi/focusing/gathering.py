@@ -20,6 +20,7 @@ from .fragments import (
     MAX_BINS,
     SHARE,
     Fragments,
+    among_few,
     as_column,
     scatter_mode,
 )
@@ -87,8 +88,9 @@ def _gather(
     bins = bins or Bins.of(samples.z, radius_per_vergence)
     located = functools.partial(located_in, samples, subpixels, raster)
 
-    nearest = dr.zeros(jit.UInt32, raster.size)
-    farthest = dr.full(jit.UInt32, MAX_BINS, raster.size)
+    room = among_few(raster.size)
+    nearest = dr.zeros(jit.UInt32, room)
+    farthest = dr.full(jit.UInt32, MAX_BINS, room)
     for part, chosen in parts_of(len(samples), which):
         at = located(part)
         bin_ = bins.of_vergence(at.vergence)
@@ -98,7 +100,7 @@ def _gather(
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
 
-    sums_alone = _SumsAlone(raster.size, alpha, terms)
+    sums_alone = _SumsAlone(room, alpha, terms)
     others = [np.empty(0, np.int64)]
     for part, chosen in parts_of(len(samples), which):
         at = located(part)
@@ -291,14 +293,15 @@ def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) ->
 class _SumsAlone:
     """Sums over the samples of subpixels that show one depth, for each subpixel.
 
-    They are R, G, B, share, and alpha if asked for, their moments, and vergence.
+    They are R, G, B, share, and alpha if asked for, their moments, and vergence; what there is
+    room for beyond the subpixels stays empty.
     """
 
-    def __init__(self, size: int, alpha: bool, terms: _Terms) -> None:
+    def __init__(self, room: int, alpha: bool, terms: _Terms) -> None:
         self.terms = terms
-        self.light = [dr.zeros(jit.Float, size * 4) for _ in terms.every]
-        self.alpha = [dr.zeros(jit.Float, size) for _ in terms.every if alpha]
-        self.vergence = dr.zeros(jit.Float, size)
+        self.light = [dr.zeros(jit.Float, room * 4) for _ in terms.every]
+        self.alpha = [dr.zeros(jit.Float, room) for _ in terms.every if alpha]
+        self.vergence = dr.zeros(jit.Float, room)
 
     def add(
         self,

@@ -26,7 +26,7 @@ from ..optics.telecentric import (
 )
 from ..optics.usable import require_usable_lens
 from ..samples.choosing import require_samples
-from ..samples.circles import FOCUS
+from ..samples.circles import FOCUS, in_units_of
 from ..samples.point_samples import PointSamples
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
@@ -169,7 +169,7 @@ def form_picture(
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
     _require_memory(samples, method, subpixels)
-    warn_of_traps(samples, given_lens, memo, depth=3)
+    warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=3)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
         _require_hashable(channel)
@@ -220,8 +220,7 @@ def _thin_lens(
             depths += [samples.z + side * samples.motion[:, 2] for side in (-0.5, 0.5)]
         picture = as_thin_lens(np.concatenate(depths), lens, samples.camera)
         return picture.lens, picture
-    own = samples.lens
-    return lens.in_units(own.millimeters_per_unit) if isinstance(own, ThinLens) else lens, None
+    return in_units_of(samples, lens), None
 
 
 def _require_hashable(psf: PointSpreadFunction) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from ..optics.blur import Blur
 from ..samples.raster import Window
 from .blocks import BLOCK, BlockImage, numbered
 from .detail import NO_DETAIL
-from .fragments import FragmentColumns, scatter_mode
+from .fragments import FragmentColumns, among_few, scatter_mode
 from .lit import lit_by_circles, lit_by_points
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
@@ -54,7 +53,7 @@ class ImageStack:
         sizes_an_octave: int = SIZES_AN_OCTAVE,
     ) -> None:
         self.box, self.number = box, numbered(lit)
-        size = _among_few(np.count_nonzero(lit) + 1, sizes_an_octave) * BLOCK**2
+        size = among_few(np.count_nonzero(lit) + 1, sizes_an_octave) * BLOCK**2
         self.mode = scatter_mode(times / size)
         self.colours = dr.zeros(jit.Float, size * 4)
         self.alpha = dr.zeros(jit.Float, size) if channels > 4 else None
@@ -109,15 +108,6 @@ class ImageStack:
         parts = [part for part in (self.colours, self.alpha) if part is not None]
         size = self.colours.shape[0] // 4
         return [np.asarray(part).reshape(-1, BLOCK, BLOCK, len(part) // size) for part in parts]
-
-
-def _among_few(count: int, an_octave: int) -> int:
-    """The least number from ``count`` on of a few, so many from one power of 2 to the next.
-
-    Where Dr.Jit gives each of its threads a copy of what is scattered to, the size is in the code,
-    which is compiled anew for each.
-    """
-    return math.ceil(2 ** (math.ceil(math.log2(count) * an_octave) / an_octave))
 
 
 class KernelImages(NamedTuple):

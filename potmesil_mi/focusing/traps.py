@@ -7,23 +7,24 @@ import warnings
 from .._warnings import FocusWarning
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
-from ..samples.circles import DepthRange, advice
+from ..samples.circles import advice
+from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
 from ..samples.provenance import is_wider
 from .memo import Memo
 
 
 def warn_of_traps(
-    samples: PointSamples, given: ThinLens | TelecentricLens | None, memo: Memo, depth: int
+    samples: PointSamples, lens: ThinLens | TelecentricLens, is_given: bool, memo: Memo, depth: int
 ) -> None:
     """Warn, once for each ``memo``, of what a picture of ``samples`` will show that few mean.
 
-    ``given`` is the lens, ``None`` for the samples' own. ``depth`` says for which of the callers
-    the warning is, as ``stacklevel`` does.
+    The ``lens`` has lengths in the samples' units; ``is_given`` says that it is not merely their
+    own. ``depth`` says for which of the callers the warning is, as ``stacklevel`` does.
     """
-    lens = (samples.lens if given is None else given).plain()
+    lens = lens.plain()
     found = advice(DepthRange.of(samples), lens, samples.camera)
-    if given is None and not is_open(lens):
+    if not (is_given or is_open(lens)):
         found["pinhole"] = (
             "lens: the samples were taken through a pinhole and none is given, so that everything "
             "is sharp; give one, such as samples.lens.replace(f_number=2.8, focus_distance=1.2)"

@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from .._units import MILLIMETERS, Length
 from .._validation import require_choice, require_kind, require_number, shown
 
 Easing = Literal["linear", "ease", "ease_in", "ease_out", "hold"]
@@ -71,15 +72,18 @@ class Track:
     Before the first key it is that of the first, and behind the last that of the last. On the
     ``scale`` ``reciprocal`` 1 by the value changes evenly, as circles of confusion do with the
     focus distance, which may be ``inf``; on ``logarithmic`` its logarithm, as stops do with the
-    f-number. Raises ``ValueError`` or ``TypeError`` for keys whose frames do not ascend, and for
-    values that the scale does not have.
+    f-number. Values are lengths in the ``unit``, if there is one. Raises ``ValueError`` or
+    ``TypeError`` for keys whose frames do not ascend, and for values that the scale does not have.
     """
 
     keys: tuple[Key, ...]
     scale: Scale = "linear"
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         require_choice("scale", self.scale, SCALES)
+        if self.unit is not None:
+            require_choice("unit", self.unit, MILLIMETERS)
         require_kind("keys", self.keys, (tuple, list), "a tuple of Key")
         if not self.keys:
             raise ValueError(f"keys={shown(self.keys)}: there must be one at least")
@@ -180,11 +184,18 @@ class VectorTrack:
 
 
 def values_at(values: Mapping[str, Any], frame: float) -> dict[str, Any]:
-    """Values by their names at a frame: those of tracks, and others as they are."""
-    return {
-        name: value.at(frame) if isinstance(value, Track) else value
-        for name, value in values.items()
-    }
+    """Values by their names at a frame: those of tracks, and others as they are.
+
+    Of a track with a unit it is a text with that.
+    """
+    return {name: _value_at(value, frame) for name, value in values.items()}
+
+
+def _value_at(value: Any, frame: float) -> Any:
+    if not isinstance(value, Track):
+        return value
+    found = value.at(frame)
+    return found if value.unit is None else str(Length(found, value.unit))
 
 
 def tracks_of(

@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 
+from .._html import displayed
 from .._validation import require_choice, require_field_of_view, require_kind, require_number, shown
 from .aperture import Aperture
 from .arithmetic import clamp_at_zero, on_host, positive_finite, reciprocal, require_each, single
 from .disc import Disc
+from .display import html_of_thin_lens
 from .lens_checks import (
     distance_in_mm,
+    in_numbers,
     require_focus,
     require_length,
     require_one_opening,
@@ -36,6 +39,9 @@ FULL_FRAME_WIDTH = 36.0
 
 Film = Literal["focal", "focused"]
 """Where the picture forms: on a film fixed at F, or at the image of the focused plane."""
+
+PLAIN = ("film", "aperture", "squeeze", "vignetting")
+"""Parameters of a lens that are no arrays."""
 
 FILMS: tuple[Film, ...] = get_args(Film)
 """The two places of the film."""
@@ -86,7 +92,8 @@ class ThinLens:
     """A thin lens with an aperture, focused on a plane: equations 1-8.
 
     Every parameter may be a number, a NumPy array or a Dr.Jit array (then every result is
-    differentiable in it). Distances are along the optical axis, positive before the lens.
+    differentiable in it). Distances are along the optical axis, positive before the lens. A length
+    may be text with its unit, ``1.2m``, ``29cm``, ``290mm`` or ``10in``, and an f-number ``f/2.8``.
 
     ============================  ==========================================================
     Parameter                     Meaning
@@ -137,9 +144,14 @@ class ThinLens:
     ) -> None:
         require_one_opening(f_number, aperture_radius)
         require_choice("film", film, FILMS)
+        require_unit(millimeters_per_unit)
+        texts = {"focal_length": focal_length, "frame_width": frame_width, "f_number": f_number}
+        texts |= {"aperture_radius": aperture_radius, "focus_distance": focus_distance}
+        focal_length, frame_width, f_number, aperture_radius, focus_distance = in_numbers(
+            texts, millimeters_per_unit
+        ).values()
         require_length("focal_length", focal_length)
         require_length("frame_width", frame_width)
-        require_unit(millimeters_per_unit)
         if f_number is not None:
             require_each("f_number", f_number, "> 0", lambda x: x > 0)
         if aperture_radius is not None:
@@ -185,6 +197,10 @@ class ThinLens:
         """
         require_field_of_view("fov", fov)
         _require_known(parameters)
+        given: Any = {**parameters, "focal_length": focal_length, "frame_width": frame_width}
+        given = in_numbers(given, parameters.get("millimeters_per_unit", 1.0))
+        focal_length, frame_width = given.pop("focal_length"), given.pop("frame_width")
+        parameters = given
         if focal_length is not None and frame_width is not None:
             raise ValueError(
                 f"focal_length={shown(focal_length)}, frame_width={shown(frame_width)}: must not "
@@ -236,9 +252,12 @@ class ThinLens:
 
     def plain(self) -> ThinLens:
         """The same lens of plain numbers; a parameter of several elements is an error."""
+        parameters = self.parameters()
+        if all(type(value) is float or name in PLAIN for name, value in parameters.items()):
+            return self
         plain: dict[str, Any] = {
             name: value if isinstance(value, (str, Aperture)) else single(name, value)
-            for name, value in self.parameters().items()
+            for name, value in parameters.items()
         }
         return ThinLens(**plain)
 
@@ -408,6 +427,9 @@ class ThinLens:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: html_of_thin_lens(self))
 
     def __repr__(self) -> str:
         return f"ThinLens({', '.join(f'{k}={v!r}' for k, v in self.parameters().items())})"

@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from .._units import f_number_of, length_of
 from .._validation import shown
-from .arithmetic import on_host, positive_finite, require_each
+from .arithmetic import on_host, positive_finite, require_each, single
+
+IN_MILLIMETERS = ("focal_length", "frame_width")
+IN_SCENE_UNITS = ("focus_distance", "aperture_radius")
+"""Parameters that are lengths, in what they are where no unit is said."""
+
+
+def in_numbers(parameters: Mapping[str, Any], millimeters_per_unit: Any) -> dict[str, Any]:
+    """The parameters of a lens, with texts such as ``1.2m`` and ``f/2.8`` as what they say.
+
+    Raises ``ValueError`` that names the parameter whose text says nothing.
+    """
+    found = dict(parameters)
+    for name in (*IN_MILLIMETERS, *IN_SCENE_UNITS):
+        if isinstance(found.get(name), str):
+            of_scene = name in IN_SCENE_UNITS
+            unit = single("millimeters_per_unit", millimeters_per_unit) if of_scene else 1.0
+            found[name] = length_of(name, found[name], unit)
+    if isinstance(found.get("f_number"), str):
+        try:
+            found["f_number"] = f_number_of(found["f_number"])
+        except ValueError as error:
+            raise ValueError(f"f_number={error}") from None
+    return found
 
 
 def require_unit(millimeters_per_unit: Any) -> None:

@@ -20,11 +20,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._html import displayed
+from .._units import length_of
 from .._validation import require_kind, require_number, require_positive
 from .aperture import Aperture
 from .arithmetic import reciprocal, require_each
 from .camera import Camera
 from .disc import Disc
+from .display import html_of_telecentric_lens
 from .lens import AnyLensChanges, DepthOfField, ThinLens
 
 if TYPE_CHECKING:
@@ -72,7 +75,9 @@ class TelecentricLens:
 
     def __post_init__(self) -> None:
         require_number("half_angle", self.half_angle, 0, WIDEST_HALF_ANGLE)
-        require_number("focus_distance", self.focus_distance)
+        focus_distance = length_of("focus_distance", self.focus_distance, None)
+        require_number("focus_distance", focus_distance)
+        object.__setattr__(self, "focus_distance", focus_distance)
         require_number("squeeze", self.squeeze, 1, 4)
         aperture = Aperture.parse(self.aperture)
         if aperture.diffracts:
@@ -111,6 +116,9 @@ class TelecentricLens:
         require_positive("circle", circle, "scene units")
         reach = circle / (2 * self.slope) if self.slope > 0 else math.inf
         return DepthOfField(self.focus_distance - reach, self.focus_distance + reach)
+
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: html_of_telecentric_lens(self))
 
     def parameters(self) -> dict[str, Any]:
         """The constructor's arguments."""

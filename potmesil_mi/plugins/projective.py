@@ -36,6 +36,8 @@ class ProjectiveSensor(mi.Sensor):
     """Whether the parameters are being checked."""
     m_kept: dict[str, Any]
     """Copies of the exposed parameters when they were valid last."""
+    m_near_clip: Any
+    m_far_clip: Any
     m_camera_to_sample: Any
     """From camera space to the crop window, 0 to 1, and from there back; set by subclasses."""
     m_sample_to_camera: Any
@@ -128,8 +130,10 @@ class ProjectiveSensor(mi.Sensor):
         """Take the projection from camera space to the crop window, and its inverse."""
         self.m_camera_to_sample = mi.ProjectiveTransform4f(camera_to_sample.matrix)
         self.m_sample_to_camera = self.m_camera_to_sample.inverse()
-        # Variables and no literals, so that one kernel serves every field of view.
-        dr.make_opaque(self.m_camera_to_sample, self.m_sample_to_camera)
+        # Variables and no literals, so that one kernel serves every field of view and every scale.
+        dr.make_opaque(
+            self.m_camera_to_sample, self.m_sample_to_camera, self.m_near_clip, self.m_far_clip
+        )
 
     def projection_transform(self) -> Any:
         """Camera space to the crop window, 0 to 1, with z 0 on the near plane and 1 on the far.

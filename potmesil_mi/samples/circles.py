@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +12,7 @@ from ..optics.blur import Blur
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, is_open
+from .depth_range import DepthRange
 from .point_samples import PointSamples
 
 SHARP = 1.0
@@ -30,56 +29,22 @@ NEARER = np.array([0.9, 0.3, 0.02])
 BEYOND = np.array([0.02, 0.2, 0.9])
 """Linear colours of what is sharp, nearer than the focus, and beyond it."""
 
-FOCUS, EVERYTHING = "focus", "sharp"
-"""What :func:`advice` is about: where the lens is focused, and that nothing is blurred."""
+FOCUS, EVERYTHING, BLURRED, WIDE = "focus", "sharp", "blurred", "bright"
+"""What :func:`advice` is about: where the lens is focused, that nothing is blurred, or too much,
+and an aperture that no lens has."""
+
+WIDEST_F_NUMBER = 0.5
+"""That of a lens in air which takes in light from all of the half-space before the film."""
+
+LARGE = 1 / 8
+"""Share of the picture's width from which on circles are too large to be meant. An aperture that no
+lens has may be, with smaller ones: it blurs a large scene a little."""
+
+SHORTEST = 2.0
+"""Focal length in millimetres under which few lenses are; whoever gives metres is under it."""
 
 SLACK = 1e-3
 """Part of a depth or a radius by which rounding may have changed it."""
-
-
-_ranges: weakref.WeakKeyDictionary[PointSamples, DepthRange] = weakref.WeakKeyDictionary()
-"""What :meth:`DepthRange.of` has found, for as long as there are the samples."""
-
-
-@dataclasses.dataclass(frozen=True)
-class DepthRange:
-    """Depths of what the pinhole sees within the picture, in scene units along the axis.
-
-    ``nearest`` and ``farthest`` are those of what was hit, ``None`` where nothing was;
-    ``has_sky`` is whether something was not.
-    """
-
-    nearest: float | None
-    farthest: float | None
-    has_sky: bool
-
-    @classmethod
-    def of(cls, samples: PointSamples) -> DepthRange:
-        """That of samples, which is looked up once."""
-        found = _ranges.get(samples)
-        if found is None:
-            found = _ranges[samples] = cls._looked_up(samples)
-        return found
-
-    @classmethod
-    def _looked_up(cls, samples: PointSamples) -> DepthRange:
-        crop = samples.crop_window
-        z = samples.z[(samples.layer == 0) & crop.contains(samples.x, samples.y)]
-        hit = np.isfinite(z)
-        every = bool(hit.all())
-        z = z if every else z[hit]
-        if len(z) == 0:
-            return cls(None, None, not every)
-        return cls(float(z.min()), float(z.max()), not every)
-
-    def ends(self, camera: Camera) -> list[float]:
-        """The nearest and the farthest depth, ``inf`` for the sky.
-
-        To an orthographic camera the sky is just behind the farthest surface.
-        """
-        found = [depth for depth in (self.nearest, self.farthest) if depth is not None]
-        sky = self.has_sky and not (found and camera.projection == "orthographic")
-        return [*found, math.inf] if sky else found
 
 
 def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any) -> Any:
@@ -92,6 +57,14 @@ def circle_diameter(lens: ThinLens | TelecentricLens, camera: Camera, depth: Any
     if isinstance(lens, TelecentricLens):
         return lens.circle_of_confusion(depth) * camera.pixels_per_unit
     return 2 * Blur.of(lens, camera).radius(1 / depth)
+
+
+def in_units_of(samples: PointSamples, lens: ThinLens | TelecentricLens) -> Any:
+    """The lens with its lengths in the units of ``samples``; a telecentric one has no other."""
+    own = samples.lens
+    if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
+        return lens.in_units(own.millimeters_per_unit)
+    return lens
 
 
 def largest_circle(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> float:
@@ -172,8 +145,9 @@ def circle_colors(diameter: np.ndarray) -> np.ndarray:
 def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera) -> dict[str, str]:
     """What is likely not meant by a ``lens`` before a scene of such ``depths``, and what helps.
 
-    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, and ``focus``, if
-    nothing is where it is focused.
+    Sentences by what they are about: ``sharp``, if an open lens blurs nothing, ``blurred``, if a
+    circle of confusion is wider than the picture, ``focus``, if nothing is where it is focused, and
+    ``bright``, if its f-number is one that no lens has.
     """
     lens = lens.plain()
     found: dict[str, str] = {}
@@ -190,12 +164,28 @@ def advice(depths: DepthRange, lens: ThinLens | TelecentricLens, camera: Camera)
             "--focus-at X,Y and --focus-on NAME, pm.focus_distance_at and pm.focus_distance_of "
             "tell how far away a thing is"
         )
-    largest = largest_circle(depths, lens, camera)
+    largest, unit = largest_circle(depths, lens, camera), ""
+    if isinstance(lens, ThinLens):
+        said_by = "--units, units of a recipe, millimeters_per_unit"
+        unit = f", and a scene unit is taken for {per_unit:g} mm ({said_by})"
+        if lens.focal_length < SHORTEST:
+            unit += (
+                f", the focal length for {lens.focal_length:g} mm (--focal-length, focal_length)"
+            )
+        wide = "f_number" in lens.parameters() and lens.f_number < WIDEST_F_NUMBER
+        if wide and largest > LARGE * max(camera.film_size):
+            found[WIDE] = (
+                f"f_number={lens.f_number:g}: is wider than f/{WIDEST_F_NUMBER:g}, than which no "
+                f"lens in air is wider; circles of confusion are up to {largest:.0f} pixels"
+            )
     if largest < EVERYTHING_SHARP:
-        unit = f", and a scene unit is taken for {per_unit:g} mm (--units, millimeters_per_unit)"
         found[EVERYTHING] = (
             f"everything is sharp: the largest circle of confusion is {largest:.2g} pixels. The "
-            f"scene is at {within}{unit if isinstance(lens, ThinLens) else ''}; a wider aperture "
-            "blurs more"
+            f"scene is at {within}{unit}; a wider aperture blurs more"
+        )
+    elif largest > max(camera.film_size):
+        found[BLURRED] = (
+            f"the largest circle of confusion, {largest:.0f} pixels, is wider than the picture. "
+            f"The scene is at {within}{unit}"
         )
     return found

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._validation import require_choice, require_flag, require_kind, require_number, shown
 from .._version import package_version
+from .._warnings import FocusWarning
 from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.depth import (
@@ -310,6 +311,13 @@ def _scaled(depth: np.ndarray, described: Described) -> np.ndarray:
         raise ValueError(
             "depth_scale=None: must be what 1 of these whole numbers is in scene units, such as "
             "1/256 in KITTI and 0.001 in NYU"
+        )
+    if depth.dtype.itemsize == 1:
+        warnings.warn(
+            f"depth: has 8 bits, and so steps of {scale:g}, which show where things are blurred; "
+            "16 bits or floats have none",
+            FocusWarning,
+            stacklevel=2,
         )
     values = depth.astype(np.float64) * scale
     return values if described.depth_kind == "inverse" else np.where(depth == 0, np.inf, values)

@@ -16,7 +16,7 @@ from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from .choosing import require_samples
-from .circles import circle_diameter
+from .circles import circle_diameter, in_units_of
 from .point_samples import PointSamples
 
 MapName = Literal["depth", "coc", "id", "albedo", "normal", "aovs"]
@@ -52,7 +52,7 @@ def circle_map(samples: PointSamples, lens: ThinLens | TelecentricLens | None = 
     require_samples(samples)
     lens = samples.lens if lens is None else lens
     require_fitting(samples.camera, lens)
-    return circles_of(depth_map(samples), lens, samples.camera)
+    return circles_of(depth_map(samples), in_units_of(samples, lens), samples.camera)
 
 
 def circles_of(depth: np.ndarray, lens: ThinLens | TelecentricLens, camera: Camera) -> np.ndarray:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
+from .._html import displayed
 from .._validation import require_whole
 from ..optics.camera import Camera
 from ..optics.depth import Clip, DepthKind
@@ -26,6 +27,7 @@ from . import files
 from .aovs import are_ids, require_aov_names, require_named
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
+from .display import html_of_samples
 from .header import Header
 from .image_layers import Hidden
 from .merging import merged, require_mergeable
@@ -298,6 +300,9 @@ class PointSamples(Columns):
             raise ValueError("visibility: None, the samples have no visibility")
         return visibility_points(self.visibility_radius)
 
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: html_of_samples(self))
+
     def __repr__(self) -> str:
         width, height = self.camera.crop_size
         return (
@@ -414,17 +419,8 @@ class PointSamples(Columns):
         Raises ``ValueError`` for another name, and for a camera or a lens that :meth:`load`
         would not take; ``OSError`` where the file cannot be written. Then nothing is left behind.
         """
-        header = Header(
-            self.camera,
-            self.lens,
-            self.window,
-            dict(self.surfaces),
-            self.lattice,
-            self.visibility_radius,
-            self.provenance,
-            self.aov_names,
-        )
-        files.write(path, header, self)
+        known = {field.name: getattr(self, field.name) for field in dataclasses.fields(Header)}
+        files.write(path, Header(**{**known, "surfaces": dict(self.surfaces)}), self)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> PointSamples:

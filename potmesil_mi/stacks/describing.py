@@ -8,7 +8,8 @@ from typing import Any
 from ..optics.blur import radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
-from ..samples.circles import DepthRange, circle_diameter
+from ..samples.circles import circle_diameter
+from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
 from .foci import Lens
 

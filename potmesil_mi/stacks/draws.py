@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from .._units import Length, in_one_unit
 from .._validation import require_number, shown
 from ..motion.track import is_infinite
 
@@ -43,11 +44,14 @@ class Draw:
                                   two numbers, evenly in themselves, in the logarithm, in 1 by
                                   them; ``choice``: one of several
     ``values``                    the two numbers, the lesser first; or what is chosen from
+    ``unit``                      of the two numbers; ``None``: what is drawn is a number, and else
+                                  a text with this unit
     ============================  ==========================================================
     """
 
     kind: str
     values: tuple[Any, ...]
+    unit: str | None = None
 
     @classmethod
     def of(cls, name: str, value: Any) -> Draw:
@@ -71,6 +75,7 @@ class Draw:
             return cls(kind, tuple(values))
         if len(values) != 2:
             raise ValueError(wrong)
+        values, unit = in_one_unit(f"{name}.{kind}", values)
         for i, end in enumerate(values):
             if not (is_infinite(end) and kind == "reciprocal_uniform"):
                 require_number(f"{name}.{kind}[{i}]", end)
@@ -78,7 +83,7 @@ class Draw:
                 raise ValueError(f"{name}.{kind}[{i}]={shown(end)}: must be > 0")
         if not values[0] <= values[1]:
             raise ValueError(f"{name}.{kind}={shown(values)}: must be the lesser number first")
-        return cls(kind, tuple(map(float, values)))
+        return cls(kind, tuple(map(float, values)), unit)
 
     def at(self, seed: int, name: str) -> Any:
         """The value of that ``name`` for a seed."""
@@ -88,7 +93,8 @@ class Draw:
         there, back = INTERVALS[self.kind]
         first, last = map(there, self.values)
         low, high = self.values
-        return min(max(back(first + (last - first) * random.random()), low), high)
+        found = min(max(back(first + (last - first) * random.random()), low), high)
+        return found if self.unit is None else str(Length(found, self.unit))
 
 
 def seed_of(seed: int, name: str) -> int:

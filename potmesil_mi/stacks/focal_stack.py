@@ -6,14 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import _backend as jit
+from .._html import card, displayed
 from .._progress import reported, step_progress
+from .._units import said_length
 from .._validation import require_kind, shown
 from ..filters.base import FilterFunction, as_filters
 from ..focusing.methods import Method, MethodName
 from ..focusing.session import FocusSession
+from ..optics.display import opening_of
 from ..optics.telecentric import require_fitting
+from ..samples.display import scene_facts, thumbnail
 from ..samples.point_samples import PointSamples
-from .foci import Foci, Lens
+from .foci import Foci, Lens, warn_of_no_focus
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -53,18 +57,33 @@ class FocalStack:
                     picture = self[index]
                 yield picture
 
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: card("FocalStack", self._facts(), thumbnail(self.session.samples)))
+
+    def _facts(self) -> dict[str, str]:
+        unit = getattr(self.lenses[0], "millimeters_per_unit", None)
+        foci = sorted({float(lens.plain().focus_distance) for lens in self.lenses})
+        ends = " to ".join(said_length(end, unit) for end in dict.fromkeys((foci[0], foci[-1])))
+        return {
+            "pictures": f"{len(self)}",
+            "focused at": ends,
+            "lens": ", ".join(dict.fromkeys(opening_of(lens) for lens in self.lenses)),
+            "method": f"{self.session.method}",
+            **scene_facts(self.session.samples),
+        }
+
     def __repr__(self) -> str:
         return f"FocalStack({len(self)} pictures of {self.session!r})"
 
 
 def focal_stack(
     samples: PointSamples | FocusSession,
-    distances: Sequence[float] | None = None,
+    distances: Sequence[float | str] | None = None,
     *,
-    near: float | None = None,
-    far: float | None = None,
+    near: float | str | None = None,
+    far: float | str | None = None,
     count: int | None = None,
-    f_numbers: Sequence[float] | None = None,
+    f_numbers: Sequence[float | str] | None = None,
     lenses: Sequence[Lens | Mapping[str, Any]] | None = None,
     method: Method | MethodName | None = None,
     rfilter: ReconstructionFilter | None = None,
@@ -117,4 +136,5 @@ def focal_stack(
                 require_fitting(session.samples.camera, lens)
             except ValueError as error:
                 raise ValueError(f"lenses[{i}]: {error}") from error
+    warn_of_no_focus(session.samples, found, depth=2)
     return FocalStack(session, found, rfilter=rfilter, alpha=alpha, filters=as_filters(filters))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,16 @@ from typing import Any
 import numpy as np
 
 from .._files import require_readable, require_suffix
+from .._units import Length, f_number_of, length_of
 from .._validation import require_kind, require_number, require_positive, require_whole, shown
+from .._warnings import FocusWarning
 from ..motion.toml import read_toml
 from ..motion.track import is_infinite, named, require_known
-from ..optics.lens import ThinLens
+from ..optics.lens import AnyLensChanges, ThinLens
+from ..optics.lens_checks import IN_MILLIMETERS, IN_SCENE_UNITS
 from ..optics.telecentric import TelecentricLens, require_lens
+from ..samples.circles import FOCUS, DepthRange, advice, in_units_of
+from ..samples.point_samples import PointSamples
 
 Lens = ThinLens | TelecentricLens
 Changes = Mapping[str, Any]
@@ -30,6 +37,9 @@ TABLES = (".csv", ".toml")
 OPENING = ("focus_distance", "f_number", "aperture_radius", "half_angle")
 """Parameters that say how a lens is focused and opened."""
 
+LENGTHS = (*IN_MILLIMETERS, *IN_SCENE_UNITS)
+"""Columns of a table that may have a unit."""
+
 TEXTS = ("film", "aperture")
 """Columns of a table that are no numbers."""
 
@@ -41,8 +51,8 @@ class Foci:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``distances``                 focused distances in scene units, in this order; ``inf`` is
-                                  allowed for a thin lens
+    ``distances``                 focused distances in scene units, or texts with a unit such as
+                                  ``29cm``, in this order; ``inf`` is allowed for a thin lens
     ``near``, ``far``, ``count``  in their place so many distances from ``near`` to ``far``, at
                                   equal steps of the circle of confusion: in 1/U for a thin lens,
                                   where ``far`` may be ``inf``, in U for a telecentric one
@@ -57,11 +67,11 @@ class Foci:
     ``TypeError`` that names the field.
     """
 
-    distances: Sequence[float] | None = None
-    near: float | None = None
-    far: float | None = None
+    distances: Sequence[float | str] | None = None
+    near: float | str | None = None
+    far: float | str | None = None
     count: int | None = None
-    f_numbers: Sequence[float] | None = None
+    f_numbers: Sequence[float | str] | None = None
     table: Sequence[Lens | Changes] | None = None
 
     def __post_init__(self) -> None:
@@ -92,20 +102,23 @@ class Foci:
                 "distances: must be given; or near, far and count; or f_numbers; or lenses"
             )
         for i, distance in enumerate(self.distances or ()):
-            if not is_infinite(distance):
-                require_number(f"distances[{i}]", distance)
+            _require_length(f"distances[{i}]", distance)
         for i, f_number in enumerate(self.f_numbers or ()):
-            if not is_infinite(f_number):
-                require_positive(f"f_numbers[{i}]", f_number)
+            number = _f_number(f"f_numbers[{i}]", f_number)
+            if not is_infinite(number):
+                require_positive(f"f_numbers[{i}]", number)
         if len(self) > MOST_PICTURES:
             raise ValueError(f"count: {len(self)} pictures: must be {MOST_PICTURES} at most")
 
     def _require_even(self) -> None:
         require_whole("count", self.count, 2, MOST_PICTURES)
-        require_number("near", self.near)
-        if not is_infinite(self.far):
-            require_number("far", self.far)
-        if not float(self.near or 0) < float(self.far or 0):
+        near, far = (
+            _require_length("near", self.near, infinite=False),
+            _require_length("far", self.far),
+        )
+        if near.unit != far.unit and None in (near.unit, far.unit) and far.number != math.inf:
+            return  # Which is the nearer turns out when the size of a scene unit is known.
+        if not near.in_units(1.0) < far.in_units(1.0):
             raise ValueError(f"far={shown(self.far)}: must be > near={shown(self.near)}")
 
     def __len__(self) -> int:
@@ -130,17 +143,40 @@ class Foci:
         focused = self.near if self.distances is None else self.distances[0]
         f_number = self.f_numbers[0] if self.f_numbers else None
         changes = {"focus_distance": focused, "f_number": f_number}
-        return {name: float(value) for name, value in changes.items() if value is not None}
+        return {
+            name: value if isinstance(value, str) else float(value)
+            for name, value in changes.items()
+            if value is not None
+        }
+
+    def in_numbers(self, millimeters_per_unit: float | None) -> Foci:
+        """The same with numbers in place of texts, in scene units of so many millimetres.
+
+        The table stays. Raises ``ValueError`` for a text with a unit where the size of a scene unit
+        is not known, ``None``.
+        """
+        unit, distances, f_numbers = millimeters_per_unit, self.distances, self.f_numbers
+        if distances is not None:
+            distances = [length_of(f"distances[{i}]", u, unit) for i, u in enumerate(distances)]
+        if f_numbers is not None:
+            f_numbers = [_f_number(f"f_numbers[{i}]", n) for i, n in enumerate(f_numbers)]
+        ends = {name: length_of(name, getattr(self, name), unit) for name in ("near", "far")}
+        return dataclasses.replace(self, distances=distances, f_numbers=f_numbers, **ends)
 
     def lenses(self, lens: Lens) -> list[Lens]:
         """All lenses, of the ``lens`` at hand. Raises what its ``replace`` does, with the place."""
         require_lens(lens)
         if self.table is not None:
             return [_lens_of(i, lens, one) for i, one in enumerate(self.table)]
+        unit = float(lens.millimeters_per_unit) if isinstance(lens, ThinLens) else None
+        return self.in_numbers(unit)._lenses(lens)
+
+    def _lenses(self, lens: Lens) -> list[Lens]:
+        """All lenses, of distances and f-numbers that are numbers."""
         if self.f_numbers is not None and isinstance(lens, TelecentricLens):
             raise ValueError("f_numbers: must be None for a TelecentricLens, which has none")
         found: list[Lens] = []
-        distances: Sequence[float] | None = self.distances
+        distances: Sequence[Any] | None = self.distances
         if self.count is not None:
             for name in ("near", "far"):
                 _replaced(lens, "focus_distance", name, getattr(self, name))
@@ -160,6 +196,23 @@ class Foci:
                     for i, distance in enumerate(distances)
                 ]
         return found
+
+
+def warn_of_no_focus(samples: PointSamples, lenses: Sequence[Lens], depth: int = 1) -> None:
+    """Warn where none of the ``lenses`` is focused on anything that ``samples`` see.
+
+    ``depth`` says for which of the callers the warning is, as ``stacklevel`` does.
+    """
+    depths, first = DepthRange.of(samples), None
+    for lens in lenses:
+        text = advice(depths, in_units_of(samples, lens), samples.camera).get(FOCUS)
+        if text is None:
+            return
+        first = first or text
+    if first is not None:
+        warnings.warn(
+            f"no picture is focused on anything, the first at {first}", FocusWarning, depth + 1
+        )
 
 
 def equal_circles(lens: Lens, near: Any, far: Any, count: int) -> list[float]:
@@ -204,6 +257,8 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file)
         names = [name.strip() for name in next(reader, [])]
+        with named("line 1"):
+            _require_columns(names)
         rows = []
         for fields in reader:
             if not any(field.strip() for field in fields):
@@ -218,13 +273,52 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
+def _require_columns(names: Sequence[str]) -> None:
+    """Raise ``ValueError`` for one of the names that is no parameter of a lens."""
+    for name in names:
+        if name and not {";", "\t"}.isdisjoint(name):
+            raise ValueError(f"{shown(name)}: must be names with commas between")
+    require_known(dict.fromkeys(filter(None, names)), AnyLensChanges.__annotations__)
+
+
 def _value(name: str, text: str) -> float | str:
     if name in TEXTS:
         return text
+    if name in LENGTHS:
+        length = _require_length(name, text)
+        return length.number if length.unit is None else text
+    if name == "f_number":
+        return _f_number(name, text)
     try:
         return float(text)
     except ValueError:
         raise ValueError(f"{name}={shown(text)}: must be a number") from None
+
+
+def _f_number(name: str, value: Any) -> Any:
+    """The f-number that a text says; what is no text is one. Raises ``ValueError``."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return f_number_of(value)
+    except ValueError as error:
+        raise ValueError(f"{name}={error}") from None
+
+
+def _require_length(name: str, value: Any, infinite: bool = True) -> Length:
+    """The length that a number or a text is. Raises ``TypeError`` or ``ValueError``."""
+    if isinstance(value, str):
+        try:
+            length = Length.of(value)
+        except ValueError as error:
+            raise ValueError(f"{name}={error}") from None
+    else:
+        if not (infinite and is_infinite(value)):
+            require_number(name, value)
+        length = Length(float(value), None)
+    if not (infinite and length.number == math.inf):
+        require_number(name, length.number)
+    return length
 
 
 def _lens_of(i: int, lens: Lens, one: Lens | Changes) -> Lens:

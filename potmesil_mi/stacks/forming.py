@@ -18,13 +18,14 @@ from ..filters.base import FilterFunction
 from ..focusing.film import TabulatedFilter
 from ..focusing.session import FocusSession
 from ..optics.lens import ThinLens
+from ..samples.circles import in_units_of
 from ..samples.formed import attributes_of_formed
 from ..samples.maps import circles_of, depth_map, normal_map
 from ..samples.point_samples import PointSamples
 from .describing import DEPTH_KIND, METRES, camera_told, ends_of_depth, lens_told, samples_told
 from .foci import Lens
 from .layouts import write_depth, write_formed, write_pinhole
-from .plan import StackItem, StackPlan
+from .plan import FORMAT, StackItem, StackPlan
 
 if TYPE_CHECKING:
     from ..focusing.film import ReconstructionFilter
@@ -122,7 +123,9 @@ class Forming:
         described.unlink(missing_ok=True)  # It may tell of the picture that was here before.
         write_formed(picture, item.index, plan.files, said)
         if circles is not None:
-            diameters = circles_of(self.depth, item.lens, self.samples.camera)
+            diameters = circles_of(
+                self.depth, in_units_of(self.samples, item.lens), self.samples.camera
+            )
             write_maps({"coc": diameters}, circles, said)
         about = self.about("potmesil picture", plan)
         write_json(described, {**about, **self.told_of(plan, item)})
@@ -131,7 +134,7 @@ class Forming:
         """What is told of a picture."""
         pictures, circles, described = plan.files_of(item)
         told = {
-            **lens_told(self._in_units(item.lens), self.samples.camera, self.ends),
+            **lens_told(in_units_of(self.samples, item.lens), self.samples.camera, self.ends),
             **plan.told_of(item),
             "files": [plan.files.told(path) for path in pictures],
             "described": plan.files.told(described),
@@ -141,7 +144,7 @@ class Forming:
     def told(self, plan: StackPlan) -> dict[str, Any]:
         """What is told of the stack."""
         pictures = [self.told_of(plan, item) for item in plan.items]
-        return {**self.about("potmesil stack", plan), "pictures": pictures}
+        return {**self.about(FORMAT, plan), "pictures": pictures}
 
     def about(self, form: str, plan: StackPlan) -> dict[str, Any]:
         """What is told of the stack as well as of each of its pictures."""
@@ -178,13 +181,6 @@ class Forming:
         if "pinhole" in plan.maps:
             picture = self.pinhole
             behind.do(lambda: write_pinhole(picture, plan.files, said))
-
-    def _in_units(self, lens: Lens) -> Lens:
-        """The lens in the samples' units, in which it is used."""
-        own = self.samples.lens
-        if isinstance(lens, ThinLens) and isinstance(own, ThinLens):
-            return lens.in_units(own.millimeters_per_unit)
-        return lens
 
 
 def _attempted(job: Callable[[], T], what: str, failed: Failed | None) -> T | None:

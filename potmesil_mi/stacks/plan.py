@@ -19,6 +19,9 @@ from ..optics.telecentric import TYPE, TelecentricLens
 from .foci import Lens
 from .layouts import StackFiles
 
+FORMAT = "potmesil stack"
+"""What the file that tells of a stack says of its form."""
+
 
 @dataclasses.dataclass(frozen=True)
 class StackItem:
@@ -158,7 +161,13 @@ class StackPlan:
         for path in (*self.map_paths().values(), Path(self.files.stack)):
             require_writable(path, (path.suffix,))
         first = self.files.told(self.paths(self.items[0])[0])
-        others = read_json(Path(self.files.stack)).get("pictures") or [{}]
+        told = read_json(Path(self.files.stack))
+        if told and told.get("format") != FORMAT:
+            raise ValueError(
+                f"{self.files.stack}: is not of a stack, and must not be lost; write the pictures "
+                "to another folder"
+            )
+        others = told.get("pictures") or [{}]
         files = others[0].get("files", [first]) if isinstance(others[0], dict) else [first]
         if first not in files:
             raise ValueError(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._image import PICTURES, require_format
+from .._units import MILLIMETERS, Length
 from .._validation import require_choice, require_kind, require_whole, shown
 from ..motion.toml import read_toml, table_of
 from ..motion.track import named, require_known
@@ -32,7 +33,7 @@ TURNS = ("pan", "tilt", "swing")
 """Angles by which a camera is turned, in degrees."""
 
 MOVES = ("right", "up", "ahead")
-"""What the numbers of ``move`` mean, in scene units."""
+"""What the lengths of ``move`` mean."""
 
 OPENINGS = ("f_number", "aperture_radius", "half_angle")
 LENS = ("focal_length", "aperture", "squeeze", "vignetting", "film")
@@ -89,7 +90,10 @@ class View:
     ``seed``                      of the samples
     ``turn``                      by how much the camera is turned: ``pan``, ``tilt`` and ``swing``
                                   in degrees
-    ``move``                      by how much it is moved to the right, up and ahead, in scene units
+    ``move``                      by how much it is moved to the right, up and ahead: numbers in
+                                  scene units, or texts with a unit
+    ``units``                     what a scene unit is, such as ``cm``; ``None``: what the sensor
+                                  says
     ``stacks``                    a :class:`StackDraw` each
     ============================  ==========================================================
     """
@@ -101,8 +105,9 @@ class View:
     camera: int
     seed: int
     turn: Mapping[str, float]
-    move: tuple[float, float, float]
+    move: tuple[float | str, ...]
     stacks: tuple[StackDraw, ...]
+    units: str | None = None
 
     def first_lens(self) -> dict[str, Any]:
         """How the first lens is focused and opened; a half-angle is the widest of all."""
@@ -128,7 +133,8 @@ class Recipe:
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``scenes``                    tables of each: ``name``, ``path``, ``define``, ``sensors``
+    ``scenes``                    tables of each: ``name``, ``path``, ``define``, ``sensors``,
+                                  ``units``
     ``seed``                      of all that chance chooses
     ``sampling``                  ``spp`` and parameters of :class:`potmesil_mi.Sampling`
     ``cameras``, ``lens``,        how many there are, in ``count``, and a :class:`.draws.Draw` of
@@ -206,8 +212,8 @@ class Recipe:
     def _view(self, scene: Mapping[str, Any], sensor: int, camera: int, first: int) -> View:
         name = f"{scene['name']}/{sensor}/{camera}"
         turn = {of: self._drawn(self.cameras[of], f"{name}/{of}") for of in TURNS}
-        right, up, ahead = (
-            float(self._drawn(draw, f"{name}/{of}"))
+        move = tuple(
+            self._drawn(draw, f"{name}/{of}")
             for of, draw in zip(MOVES, self.cameras["move"], strict=True)
         )
         stacks: list[StackDraw] = []
@@ -226,8 +232,9 @@ class Recipe:
             camera=camera,
             seed=seed_of(self.seed, name),
             turn=turn,
-            move=(right, up, ahead),
+            move=tuple(one if isinstance(one, str) else float(one) for one in move),
             stacks=tuple(stacks),
+            units=scene["units"],
         )
 
     def _foci_of(self, name: str) -> Foci:
@@ -253,7 +260,7 @@ def _scenes(values: Any, folder: Path) -> list[dict[str, Any]]:
     scenes: list[dict[str, Any]] = []
     for i, scene in enumerate(values):
         with named(f"scenes[{i}]"):
-            require_known(scene, ("name", "path", "define", "sensors"))
+            require_known(scene, ("name", "path", "define", "sensors", "units"))
             path = scene.get("path")
             require_kind("path", path, str, "given, the name of a file")
             name = scene.get("name", Path(path).stem)
@@ -269,10 +276,12 @@ def _scenes(values: Any, folder: Path) -> list[dict[str, Any]]:
                 raise ValueError(
                     f"sensors={shown(sensors)}: must be one at least, each of them once"
                 )
+            units = scene.get("units")
+            if units is not None:
+                require_choice("units", units, MILLIMETERS)
             define = {key: str(value) for key, value in table_of(scene, "define").items()}
-        scenes.append(
-            {"name": name, "path": str(folder / path), "define": define, "sensors": sensors}
-        )
+        of = {"define": define, "sensors": sensors, "units": units}
+        scenes.append({"name": name, "path": str(folder / path), **of})
     return scenes
 
 
@@ -285,9 +294,11 @@ def _cameras(table: Mapping[str, Any]) -> dict[str, Any]:
     require_known({f"[cameras].{name}": None for name in draws}, ())
     found = _draws("cameras", {**turns, "count": table.get("count", 1)}, TURNS)
     found["move"] = [Draw.of(f"[cameras].move[{i}]", one) for i, one in enumerate(move)]
-    for draw in (*(found[name] for name in TURNS), *found["move"]):
-        if any(isinstance(value, str) for value in draw.values):
-            raise TypeError(f"[cameras]: {draw.values}: must be numbers")
+    for name in TURNS:
+        if found[name].unit or any(isinstance(value, str) for value in found[name].values):
+            raise TypeError(f"[cameras].{name}={shown(table[name])}: must be numbers, of degrees")
+    for i, draw in enumerate(found["move"]):
+        _require_lengths(f"[cameras].move[{i}]", draw)
     return found
 
 
@@ -312,14 +323,23 @@ def _foci(table: Mapping[str, Any]) -> dict[str, Any]:
         if len(drawn) < len(table):
             raise ValueError("[foci].distance: must not be given with distances, near or far")
         found = _draws("foci", drawn, ("distance",))
-        if any(isinstance(value, str) for value in found["distance"].values):
-            raise TypeError(f"[foci].distance={shown(table['distance'])}: must be numbers")
+        _require_lengths("[foci].distance", found["distance"])
         return found
     try:
         Foci(**table)
     except (ValueError, TypeError) as error:
         raise type(error)(f"[foci].{error}") from error
     return dict(table)
+
+
+def _require_lengths(name: str, draw: Draw) -> None:
+    """Raise ``ValueError`` for what a draw chooses from that is text and no length."""
+    for value in draw.values:
+        if isinstance(value, str):
+            try:
+                Length.of(value)
+            except ValueError as error:
+                raise ValueError(f"{name}={error}") from None
 
 
 def _require_usable(name: str, draws: Mapping[str, Any]) -> None:

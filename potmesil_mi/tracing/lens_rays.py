@@ -79,7 +79,7 @@ class LensRays:
     across: tuple[mi.Vector3f, mi.Vector3f]
     radius: tuple[float, float]
     telecentric: bool
-    clip: tuple[float, float]
+    clip: tuple[mi.Float, mi.Float]
 
     @classmethod
     def of(cls, rays: PrimaryRays, lens: ThinLens | TelecentricLens, nearest: float) -> LensRays:
@@ -101,7 +101,7 @@ class LensRays:
             across=(across[0], across[1]),
             radius=(float(width), float(height)),
             telecentric=isinstance(lens, TelecentricLens),
-            clip=(float(camera.near_clip), float(camera.far_clip)),
+            clip=(dr.opaque(mi.Float, camera.near_clip), dr.opaque(mi.Float, camera.far_clip)),
         )
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any
 
 import drjit as dr
@@ -104,12 +105,14 @@ class PrimaryRays:
         self, position: mi.Point2f, wavelength_sample: mi.Float, time: mi.Float
     ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """The ray through ``position``, in pixels of the film, and its weight."""
-        scale = dr.rcp(mi.ScalarVector2f((self.crop.width, self.crop.height)))
-        offset = -mi.ScalarVector2f((self.crop.left, self.crop.top)) * scale
+        crop = self.crop
+        # Opaque, so that one kernel serves films and sample counts of any size.
+        scale = _opaque_pair(1 / crop.width, 1 / crop.height)
+        offset = _opaque_pair(-crop.left / crop.width, -crop.top / crop.height)
         ray, weight = self.sensor.sample_ray_differential(
             time, wavelength_sample, dr.fma(position, scale, offset), mi.Point2f(0.5)
         )
-        ray.scale_differential(dr.rsqrt(mi.ScalarFloat(self.passes.spp)))
+        ray.scale_differential(dr.opaque(mi.Float, 1 / math.sqrt(self.passes.spp)))
         return ray, weight
 
     def begun_at(self, position: mi.Point2f, start: mi.Float | float) -> mi.Ray3f:
@@ -268,6 +271,11 @@ class PrimaryRays:
 
         state = (self._is_left_out(hit), hit)
         return dr.while_loop(state, lambda active, _: active, step)[1]
+
+
+def _opaque_pair(x: float, y: float) -> mi.Vector2f:
+    """Two numbers that are variables of a kernel, and no literals in its code."""
+    return mi.Vector2f(dr.opaque(mi.Float, x), dr.opaque(mi.Float, y))
 
 
 def _begin_at(ray: mi.Ray3f, start: mi.Float | float) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from .._validation import require_kind, shown
 from ..optics.camera import Camera
 from ..optics.lens import FULL_FRAME_WIDTH, AnyLensChanges, ThinLens
-from ..optics.lens_checks import distance_in_mm
+from ..optics.lens_checks import distance_in_mm, in_numbers
 from ..optics.telecentric import TelecentricLens
 from ..optics.usable import require_usable_view
 
@@ -248,7 +248,7 @@ def _lens_of(
     if not lens.keys().isdisjoint({"f_number", "aperture_radius"}):
         known.pop("f_number", None)
         known.pop("aperture_radius", None)
-    known.update(lens)
+    known = in_numbers({**known, **lens}, lens.get("millimeters_per_unit", 1000.0))
     fov = _item(parameters, "x_fov")
     f_number = known.get("f_number")
     in_units = "aperture_radius" in known or (isinstance(f_number, float) and f_number == math.inf)

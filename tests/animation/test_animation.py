@@ -45,6 +45,23 @@ def test_a_file_says_what_lens_and_filters_each_frame_has(tmp_path):
     assert animation.filters_at(4) == (pm.Fade(0.5, (1, 0.5, 0)),)
 
 
+def test_lens_tracks_may_have_units():
+    texts = {
+        "focus_distance": [[0, "50cm"], [2, "2m", "hold"], [3, math.inf]],
+        "f_number": [[0, "f/2"], [2, "f/8"]],
+        "focal_length": "5cm",
+    }
+    animation = pm.Animation.from_dict({"frames": 4, "lens": texts})
+    lens = pm.ThinLens(35, 2.8, 100, millimeters_per_unit=10)
+    found = [animation.lens_at(lens, frame) for frame in range(4)]
+    assert [one.focus_distance for one in found] == pytest.approx([50, 80, 200, math.inf])
+    assert [one.f_number for one in found] == pytest.approx([2, 4, 8, 8])
+    assert {one.focal_length for one in found} == {50}
+    for wrong in ([[0, "50cm"], [2, 2.0]], "far"):
+        with pytest.raises(ValueError, match=r"lens.focus_distance: value=.*: must"):
+            pm.Animation.from_dict({"frames": 4, "lens": {"focus_distance": wrong}})
+
+
 def test_focus_distances_of_a_telecentric_lens_change_evenly_and_may_be_negative():
     animation = pm.Animation.from_dict({"frames": 3, "lens": {"focus_distance": [[0, 2], [2, 10]]}})
     lens = pm.TelecentricLens(5, 2)

@@ -183,6 +183,16 @@ def test_info_needs_no_lens_and_reads_samples_and_pictures(table, tmp_path, caps
         assert found["focus_bytes"] > 1e6
 
 
+def test_info_is_of_the_lens_that_the_scene_has(capsys):
+    """The options replace parts of it; a pinhole stays one where they open none."""
+    assert cli.main(["info", FIGURE, *SMALL, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["f_number"], found["focus_distance"]) == (pytest.approx(5.6), pytest.approx(550))
+    assert cli.main(["info", FIGURE, *SMALL, "--json", "--focus-distance", "29cm"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["f_number"], found["focus_distance"]) == (pytest.approx(5.6), pytest.approx(290))
+
+
 def test_a_map_of_circles_has_their_diameters(table, tmp_path):
     path = tmp_path / "map.exr"
     lens = ["--f-number", "0.5", "--units", "cm", "--focus-on", "cup"]

@@ -324,7 +324,7 @@ def test_dof_prints_any_lens_in_scene_units(capsys):
         (["render", FIGURE, "-D", "colour=red", "-o", "{}/a.png"], "colour"),
         (["focus", "nothing.exr", "-o", "{}/a.png"], "nothing.exr"),
         (["focus", "nothing.samples", "-o", "{}/a.png"], r"nothing\.samples: there is no such"),
-        (["focus", FIGURE, "-o", "{}/a.png"], "is not a picture that can be read"),
+        (["focus", FIGURE, "-o", "{}/a.png"], "is a scene; `potmesil render --samples`"),
         (["dof", "--f-number", "-1"], "--f-number=-1"),
         (["render", FIGURE, *SMALL, "-m", "llvm_rgb", "-o", "{}/a.png"], "llvm_rgb"),
     ],

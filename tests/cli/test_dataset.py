@@ -150,3 +150,22 @@ def test_what_is_wrong_is_told_with_the_recipe_and_the_key(
     assert "recipe.toml: " in told
     assert message in told
     assert not (tmp_path / "data").exists()
+
+
+def test_a_scene_in_centimetres_says_so_and_lengths_have_units(tmp_path, recipe, capsys):
+    text = RECIPE.replace("define =", 'units = "cm"\ndefine =').replace("[300, 2000]", "[30, 200]")
+    text = text.replace("move = [5, 0, 0]", 'move = ["50mm", 0, 0]').replace("count = 2\n", "")
+    with_units = text.replace("[30, 200]", '["30cm", "2m"]')
+    told = []
+    for name, written in (("a", text), ("b", with_units)):
+        recipe.write_text(written, encoding="utf-8")
+        assert dataset(tmp_path / name, recipe) == 0
+        (path,) = (tmp_path / name).rglob("stack.json")
+        told.append(json.loads(path.read_text()))
+    for one in told:
+        lens = one["pictures"][0]["lens"]
+        assert lens["millimeters_per_unit"] == 10
+        assert one["camera"]["camera_to_world"][0][3] == pytest.approx(5, abs=1e-5)
+    distances = [one["pictures"][0]["focus_distance"] for one in told]
+    assert distances[0] == pytest.approx(distances[1])
+    assert "0cm" not in capsys.readouterr().err

@@ -164,7 +164,7 @@ def test_a_picture_of_another_program_has_a_stack_too(tmp_path):
     ("more", "message"),
     [
         ([], "distances: must be given"),
-        (["--near", "1", "--count", "3"], "far: must be given with near, count"),
+        (["--near", "1", "--count", "3"], "--far: must be given with near, count"),
         (["--distances", "0.01"], "distances[0]: focus_distance=0.01"),
         (["--distances", "2", "--spp", "4"], "spp=4: is for a scene, and"),
         (["--distances", "2", "--shard", "4/3"], "shard='4/3'"),
@@ -174,6 +174,55 @@ def test_a_picture_of_another_program_has_a_stack_too(tmp_path):
     ],
 )
 def test_what_does_not_fit_is_named_before_the_first_picture(tmp_path, kept, capsys, more, message):
+    assert stack(tmp_path, kept, *more) == 1
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.exr"))
+
+
+def test_ends_with_units_need_no_other_word_where_samples_know_theirs(tmp_path, kept):
+    """The samples are of a scene in metres."""
+    ends = ["--near", "150cm", "--far", "4000mm", "--count", "2"]
+    assert stack(tmp_path / "a", kept, *ends) == 0
+    assert stack(tmp_path / "b", kept, "--distances", "150cm", "4", "--units", "m") == 0
+    (tmp_path / "lenses.csv").write_text("focus_distance,f_number\n1.5m,f/2.8\n4,2.8\n")
+    assert stack(tmp_path / "c", kept, "--lenses", str(tmp_path / "lenses.csv")) == 0
+    for name in "abc":
+        told = json.loads((tmp_path / name / "stack.json").read_text())
+        distances = [picture["focus_distance"] for picture in told["pictures"]]
+        assert distances == pytest.approx([1.5, 4.0])
+
+
+@pytest.mark.filterwarnings("always::potmesil_mi._warnings.FocusWarning")
+def test_a_stack_that_is_focused_on_nothing_is_told(tmp_path, kept, capsys):
+    assert stack(tmp_path / "a", kept, "--distances", "100", "900") == 0
+    said = capsys.readouterr().err
+    assert "no picture is focused on anything, the first at focus_distance=100: nothing" in said
+    assert stack(tmp_path / "b", kept, "--distances", "2.5", "900") == 0
+    assert "nothing is there" not in capsys.readouterr().err
+
+
+def test_what_another_program_calls_stack_json_stays(tmp_path, kept, capsys):
+    (tmp_path / "stack.json").write_text('{"layers": 3}')
+    assert stack(tmp_path, kept, *FOCI) == 1
+    assert "stack.json: is not of a stack, and must not be lost" in capsys.readouterr().err
+    assert (tmp_path / "stack.json").read_text() == '{"layers": 3}'
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--near", "4", "--far", "1.5", "--count", "3"], "--far=1.5: must be > near=4"),
+        (["--near", "4m", "--far", "1.5", "--count", "3"], "--far=1.5: must be > near=4"),
+        (["--distances", "2", "-o", "{folder}/./{{:02d}}.exr"], "must be given once"),
+        ([], "--distances: must be given"),
+        (["--distances", "2", "nan"], "--distances[1]=nan: must be finite"),
+        (["--distances", "2", "--f-numbers", "f/0"], "--f-numbers[0]=0.0: must be > 0"),
+    ],
+)
+def test_what_is_the_wrong_way_round_or_missing_is_told_by_its_option(
+    tmp_path, kept, capsys, more, message
+):
+    more = [text.format(folder=tmp_path) for text in more]
     assert stack(tmp_path, kept, *more) == 1
     assert message in capsys.readouterr().err
     assert not list(tmp_path.glob("*.exr"))

@@ -91,3 +91,25 @@ def test_a_stack_of_an_orthographic_scene_goes_by_equal_steps_of_depth(scene, tm
     assert circles["scale"] == pytest.approx(2 * math.tan(math.radians(5)) * 8)
     farthest = circles["scale"] * (told["depth"]["farthest"] - 1)
     assert circles["largest_pixels"] == pytest.approx(farthest)
+
+
+def test_lengths_with_units_ask_for_that_of_the_scene(scene, tmp_path, capsys):
+    kept = str(tmp_path / "s.samples")
+    lens = ["--half-angle", "5", "--focus-distance", "20mm", "-o", str(tmp_path / "a.exr")]
+    assert main(["render", scene(), *lens]) == 1
+    assert "--focus-distance=20.0mm: needs the size of a scene unit" in capsys.readouterr().err
+    assert main(["render", scene(), *lens, "--units", "cm", "--samples", kept]) == 0
+    assert pm.PointSamples.load(kept).lens == pm.TelecentricLens(5.0, 2.0)
+    ends = ["--near", "20mm", "--far", "3cm", "--count", "2", "-o", str(tmp_path / "{:02d}.exr")]
+    assert main(["stack", kept, *ends]) == 1
+    assert "must have no unit" in capsys.readouterr().err
+    assert main(["stack", kept, *ends, "--units", "cm"]) == 0
+    told = json.loads((tmp_path / "stack.json").read_text())
+    assert [one["focus_distance"] for one in told["pictures"]] == [2, 3]
+
+
+def test_info_needs_no_lens(scene, capsys):
+    assert main(["info", scene(), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["nearest"] == pytest.approx(2, abs=0.1)
+    assert found["half_angle"] == 0

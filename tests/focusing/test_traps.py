@@ -1,5 +1,6 @@
 import warnings
 
+import numpy as np
 import pytest
 
 import potmesil_mi as pm
@@ -29,8 +30,10 @@ def test_a_sharp_picture_is_told_and_once_for_the_samples():
 
 def test_whoever_sweeps_over_all_distances_is_not_told_of_those_where_nothing_is():
     samples = blurred()
-    far = [1.0, 9.0]
-    assert len([*pm.focal_stack(samples, far)]) == 2
+    far = [8.0, 9.0]
+    assert len([*pm.focal_stack(samples, [*far, samples.lens.focus_distance])]) == 3
+    with pytest.warns(pm.FocusWarning, match="no picture is focused on anything, the first at"):
+        pm.focal_stack(samples, far)
     with pytest.warns(pm.FocusWarning, match="focus_distance=9: nothing is there"):
         pm.focus(samples, samples.lens.replace(focus_distance=9))
 
@@ -63,3 +66,32 @@ def test_samples_for_the_widest_aperture_serve_it():
     samples = pm.render_samples(still_life(spp=1), spp=1, sampling=sampling)
     assert "widest_diameter" in samples.provenance
     pm.focus(samples, samples.lens.replace(f_number=0.3))
+
+
+def test_an_aperture_that_no_lens_has_is_told_where_its_number_is_given():
+    samples = blurred()
+    with pytest.warns(pm.FocusWarning, match=r"f_number=0.05: is wider than f/0.5"):
+        pm.focus(samples, samples.lens.replace(f_number=0.05))
+    radius = samples.lens.replace(f_number=0.05).aperture_radius
+    pm.focus(blurred(), samples.lens.replace(aperture_radius=radius))
+    pm.focus(blurred(), samples.lens.replace(f_number=0.4))  # which blurs little of a large scene
+
+
+def test_circles_wider_than_the_picture_are_told():
+    samples = blurred()
+    with pytest.warns(pm.FocusWarning, match="pixels, is wider than the picture. The scene is at"):
+        pm.focus(samples, samples.lens.replace(aperture_radius=5.0))
+
+
+def test_a_focal_length_in_metres_is_told():
+    samples = blurred()
+    with pytest.warns(pm.FocusWarning, match="everything is sharp.* focal length for 0.05 mm"):
+        pm.focus(samples, samples.lens.replace(focal_length=0.05, f_number=2.8))
+
+
+def test_a_lens_in_other_units_than_the_samples_is_looked_at_in_theirs():
+    """The samples are in metres, and the lens in millimetres."""
+    samples = blurred()
+    same = samples.lens.in_units(1.0)
+    pm.focus(samples, same)
+    np.testing.assert_allclose(pm.circle_map(samples, same), pm.circle_map(samples), rtol=1e-5)

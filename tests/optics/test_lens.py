@@ -476,11 +476,38 @@ def test_bad_values_are_refused_by_name_and_value(parameters, text):
 
 
 @pytest.mark.parametrize("name", ["focal_length", "f_number", "focus_distance", "frame_width"])
-@pytest.mark.parametrize("value", ["50", True, [None]], ids=str)
+@pytest.mark.parametrize("value", [b"50", True, [None]], ids=str)
 def test_what_is_no_number_is_refused(name, value):
     good = {"focal_length": 50, "f_number": 4, "focus_distance": 1000}
     with pytest.raises(TypeError, match=re.escape(f"{name}={value!r}: must be a number")):
         ThinLens(**(good | {name: value}))
+
+
+def test_lengths_may_be_texts_with_units():
+    lens = ThinLens("5cm", "f/2.8", "1.2m", frame_width="1in", millimeters_per_unit=1000)
+    assert lens == ThinLens(50, 2.8, 1.2, frame_width=25.4, millimeters_per_unit=1000)
+    assert lens.replace(focus_distance="290mm").focus_distance == pytest.approx(0.29)
+    assert lens.replace(aperture_radius="5mm").aperture_radius == pytest.approx(0.005)
+    assert lens.replace(focus_distance="2").focus_distance == 2  # of scene units
+    wide = ThinLens.of_field_of_view(
+        60, frame_width="3.6cm", f_number="f/4", focus_distance="50cm", millimeters_per_unit=10
+    )
+    assert (wide.frame_width, wide.f_number, wide.focus_distance) == (36, 4, 50)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"focus_distance": "far"}, "focus_distance='far': must be a length, such as 1.2, 1.2m or"),
+        ({"focal_length": "50 km"}, "focal_length='50 km': must be a length"),
+        ({"f_number": "wide"}, "f_number='wide': must be an f-number, such as 2.8 or f/2.8"),
+        ({"focus_distance": "-1m"}, "focus_distance=-1000.0: must be > 0 scene units"),
+    ],
+)
+def test_texts_that_say_no_length_are_refused_by_name(parameters, text):
+    good = {"focal_length": 50, "f_number": 4, "focus_distance": 1000}
+    with pytest.raises(ValueError, match="^" + re.escape(text)):
+        ThinLens(**(good | parameters))
 
 
 def test_bad_drjit_values_are_refused(variant_llvm):

@@ -73,7 +73,7 @@ def test_a_scene_in_centimetres_taken_for_metres_is_told():
     in_cm = SAMPLES.replace(z=100 * SAMPLES.z)
     found = told(in_cm, lens)["sharp"]
     assert "largest circle of confusion is 0." in found
-    assert "a scene unit is taken for 1000 mm (--units, millimeters_per_unit)" in found
+    assert "a scene unit is taken for 1000 mm (--units, units of a recipe" in found
     assert told(in_cm, lens.in_units(1000).replace(millimeters_per_unit=10)) == {}
 
 

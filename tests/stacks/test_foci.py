@@ -60,7 +60,7 @@ def test_a_table_has_lenses_and_what_others_have_in_place_of_the_lens_at_hand():
         ({"near": 1.0, "far": 2.0}, "count: must be given with near, far"),
         ({"near": 1.0, "far": 1.0, "count": 3}, "far=1.0: must be > near=1.0"),
         ({"near": 1.0, "far": 2.0, "count": 1}, "count=1: must be 2 to"),
-        ({"distances": [1.0, "x"]}, r"distances\[1\]='x': must be a number"),
+        ({"distances": [1.0, "x"]}, r"distances\[1\]='x': must be a length"),
         ({"distances": [1.0], "f_numbers": [-1]}, r"f_numbers\[0\]=-1: must be > 0"),
         ({"table": [{}], "count": 3}, "count=3: must not be given with lenses="),
         ({"table": [3]}, r"lenses\[0\]=3: must be a lens"),
@@ -97,7 +97,7 @@ def test_tables_are_read_from_csv_and_toml(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.csv", "f_number\nwide\n", "a.csv: line 2: f_number='wide': must be a number"),
+        ("a.csv", "f_number\nwide\n", "a.csv: line 2: f_number='wide': must be an f-number"),
         ("a.csv", "f_number\n1,2\n", "a.csv: line 2: has 2 fields, must have 1"),
         ("a.csv", "", "a.csv: must have names of parameters"),
         ("a.toml", "lens = 3", "a.toml: lens: unknown"),
@@ -109,3 +109,53 @@ def test_what_is_wrong_in_a_table_is_told_with_the_file(tmp_path, name, text, me
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises((ValueError, TypeError), match=message):
         read_table(tmp_path / name)
+
+
+def test_texts_with_units_are_distances_of_the_lens_whose_scene_unit_it_knows():
+    foci = Foci(["29cm", 2.0, "inf"], f_numbers=["f/2.8", 4])
+    assert focused(foci.lenses(THIN)) == pytest.approx([0.29, 2.0, math.inf] * 2)
+    assert [lens.f_number for lens in foci.lenses(THIN)] == [2.8] * 3 + [4] * 3
+    in_centimetres = THIN.replace(focus_distance=200, millimeters_per_unit=10)
+    ends = Foci(near="50cm", far=200, count=2)
+    assert focused(ends.lenses(in_centimetres)) == pytest.approx([50, 200])
+    assert focused(Foci(near="0.5m", far="20in", count=2).lenses(in_centimetres)) == pytest.approx(
+        [50, 50.8]
+    )
+
+
+def test_the_farther_end_is_looked_at_when_the_unit_is_known():
+    with pytest.raises(ValueError, match=r"far='20cm': must be > near='0.5m'"):
+        Foci(near="0.5m", far="20cm", count=3)
+    mixed = Foci(near="50cm", far=2, count=2)
+    assert focused(mixed.lenses(THIN)) == [0.5, 2]
+    with pytest.raises(ValueError, match=r"far=2: must be > near=50"):
+        mixed.lenses(THIN.replace(focus_distance=200, millimeters_per_unit=10))
+
+
+def test_a_telecentric_lens_has_no_unit_to_know():
+    assert focused(Foci(["3"]).lenses(TELECENTRIC)) == [3]
+    with pytest.raises(ValueError, match=r"distances\[0\]='3cm': must have no unit"):
+        Foci(["3cm"]).lenses(TELECENTRIC)
+
+
+def test_a_table_may_have_units(tmp_path):
+    (tmp_path / "a.csv").write_text("focus_distance,f_number,focal_length\n29cm,f/2.8,5cm\n")
+    (tmp_path / "a.toml").write_text('[[lenses]]\nfocus_distance = "29cm"\nf_number = "f/2.8"\n')
+    for name in ("a.csv", "a.toml"):
+        (lens,) = Foci(table=read_table(tmp_path / name)).lenses(THIN)
+        assert (lens.focus_distance, lens.f_number) == (pytest.approx(0.29), 2.8)
+        assert lens.focal_length == 50
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("distance,f_number\n1,2\n", "line 1: distance: unknown, must be one of f_number"),
+        ("1,2\n3,4\n", "line 1: 1: unknown, must be one of"),
+        ("focus_distance;f_number\n1;2\n", "line 1: .*must be names with commas between"),
+    ],
+)
+def test_a_first_line_that_names_no_parameters_is_told(tmp_path, text, message):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_table(tmp_path / "a.csv")

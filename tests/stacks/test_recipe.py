@@ -56,6 +56,31 @@ def test_what_chance_chooses_does_not_depend_on_what_else_there_is():
     assert Recipe.from_dict({**RECIPE, "seed": 8}).views()[0].seed != views[0].seed
 
 
+def test_lengths_may_have_units():
+    """The scene says what its unit is, or its sensor does."""
+    recipe = {
+        **RECIPE,
+        "scenes": [{"path": "a.xml", "units": "cm"}],
+        "cameras": {"move": ["1in", {"uniform": ["-5mm", "1cm"]}, 0]},
+        "lens": {"focal_length": {"uniform": ["3.5cm", "85mm"]}},
+        "apertures": {"f_number": "f/2.8"},
+        "foci": {"count": 9, "distance": {"reciprocal_uniform": ["50cm", "2m"]}},
+    }
+    (view,) = Recipe.from_dict(recipe).views()
+    assert view.units == "cm"
+    assert view.move[0] == "1in"
+    lenses = view.lenses(pm.ThinLens(50.0, 2.0, 100, millimeters_per_unit=10))
+    assert all(50 <= one.focus_distance <= 200 for one in lenses)
+    assert len({one.focus_distance for one in lenses}) == 9
+    assert all(35 <= one.focal_length <= 85 and one.f_number == 2.8 for one in lenses)
+    in_scene_units = {**recipe, "foci": {"count": 9, "distance": {"reciprocal_uniform": [50, 200]}}}
+    (same,) = Recipe.from_dict(in_scene_units).views()
+    found = same.lenses(pm.ThinLens(50.0, 2.0, 100, millimeters_per_unit=10))
+    assert [one.focus_distance for one in found] == pytest.approx(
+        [one.focus_distance for one in lenses]
+    )
+
+
 @pytest.mark.parametrize(
     ("kind", "ends", "of"),
     [
@@ -106,12 +131,15 @@ def test_each_choice_is_about_as_frequent_and_what_is_no_table_is_always_chosen(
         ({"apertures": {"f_number": {"log_uniform": [0, 2]}}}, r"f_number.log_uniform\[0\]=0"),
         ({"apertures": {"f_number": {"uniform": [3, 2]}}}, r"f_number.uniform=\[3, 2\]"),
         ({"apertures": {"f_number": True}}, r"\[apertures\].f_number=True: must be"),
-        ({"cameras": {"pan": "left"}}, r"\[cameras\]: .*must be numbers"),
+        ({"cameras": {"pan": "left"}}, r"\[cameras\].pan='left': must be numbers"),
         ({"cameras": {"roll": 1}}, r"\[cameras\].roll: unknown"),
         ({"cameras": {"move": [1]}}, r"\[cameras\].move=\[1\]: must be three"),
         ({"foci": {"near": 1}}, r"\[foci\].far: must be given"),
         ({"foci": {"distance": 1, "near": 1}}, r"\[foci\].distance: must not be given"),
-        ({"foci": {"distance": "far"}}, r"\[foci\].distance='far': must be numbers"),
+        ({"foci": {"distance": "far"}}, r"\[foci\].distance='far': must be a length"),
+        ({"foci": {"distance": {"uniform": ["3cm", 4]}}}, r"uniform=.*must all have a unit"),
+        ({"scenes": [{"path": "a.xml", "units": "km"}]}, r"units='km': must be one of m,"),
+        ({"cameras": {"move": ["left", 0, 0]}}, r"move\[0\]='left': must be a length"),
         ({"foci": {}}, r"\[foci\].distances: must be given"),
     ],
 )  # fmt: skip

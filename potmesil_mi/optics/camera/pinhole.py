@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from ..._html import displayed
 from ..._validation import (
     require_choice,
     require_field_of_view,
@@ -25,6 +26,7 @@ from ..._validation import (
     require_whole,
     shown,
 )
+from ..display import html_of_camera
 from . import vectors
 from .basis import CAMERA_AXES, HALF_TURN, CameraAxes, convert_axes, look_at
 from .frustum import Frustum
@@ -319,6 +321,9 @@ class Camera:
         return transform_points(self.world_from_camera(), self.camera_from_pixel(pixels, depth))
 
     # ------------------------------------------------------------ as values
+
+    def _repr_html_(self) -> str | None:
+        return displayed(lambda: html_of_camera(self))
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON-ready values; those of ``orthographic`` only where it is one."""
