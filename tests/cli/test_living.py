@@ -87,7 +87,7 @@ def test_several_pages_become_one(tmp_path, kept, capsys):
         (["--near", "5", "--far", "2"], "far=2: must be > near=5"),
         (["--spp", "4"], "spp=4: is for a scene, and"),
         (["other.html"], "other.html: must be left out, for"),
-        (["--f-numbers", "0"], "f_numbers[0]=0.0: must be > 0"),
+        (["--f-numbers", "0"], "f-numbers[0]=0.0: must be > 0"),
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path, kept, capsys, more, message):
