@@ -43,9 +43,10 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "extra"]
 templates_path = ["_templates"]
 root_doc = "index"
+html_extra_path = ["extra"]  # Pages of their own, as they are.
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3

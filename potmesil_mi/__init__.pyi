@@ -14,6 +14,8 @@ from .focusing.aovs import focus_aovs
 from .focusing.api import focus
 from .focusing.methods import Equation20, Layered, LightField, Method
 from .focusing.session import FocusSession
+from .living.api import living_page, living_picture
+from .living.picture import LivingPicture
 from .motion.camera_move import CameraMove
 from .motion.motion import Motion
 from .motion.shape_move import ShapeMove
@@ -61,6 +63,7 @@ __all__ = [
     "Key",
     "Layered",
     "LightField",
+    "LivingPicture",
     "Lommel",
     "Method",
     "Motion",
@@ -89,6 +92,8 @@ __all__ = [
     "focus_distance_at",
     "focus_distance_of",
     "interactive",
+    "living_page",
+    "living_picture",
     "motion_vectors",
     "parse_filter",
     "potmesil_sensor",

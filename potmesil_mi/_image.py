@@ -112,7 +112,7 @@ def read_srgb(path: str | os.PathLike[str]) -> np.ndarray:
         return np.asarray(values)
     if values.dtype == np.uint16:
         return ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
-    return _in_srgb(values.astype(np.float32), "8")
+    return in_srgb(values.astype(np.float32), "8")
 
 
 def require_format(
@@ -184,7 +184,7 @@ def write_picture(
     if ending in LOSSY:
         values = values[..., :3]
     if depth in ("8", "16"):
-        values = _in_srgb(values, depth)
+        values = in_srgb(values, depth)
     elif depth == "half":
         values = np.clip(values, -LARGEST_HALF, LARGEST_HALF)
     spec = _spec_of(values, ending, depth, said or {})
@@ -244,7 +244,7 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def _in_srgb(linear: np.ndarray, depth: BitDepth) -> np.ndarray:
+def in_srgb(linear: np.ndarray, depth: BitDepth) -> np.ndarray:
     """Linear colours, clipped to [0, 1], in sRGB of so many bits; alpha stays linear."""
     values = np.clip(np.nan_to_num(linear), 0, 1)
     if values.shape[2] == 4:  # What is kept so has colours that are not multiplied by alpha.

@@ -153,3 +153,27 @@ def pinhole_mean(samples, whole=False):
     column, row = samples.camera.crop_offset
     width, height = samples.camera.crop_size
     return mean[row - top : row - top + height, column - left : column - left + width]
+
+
+def behind_a_bar(lens=None):
+    """A near bar, a card in the middle, and lamps far away that both cover in part, 96 x 64."""
+    rgb, depth = np.full((64, 96, 3), 0.05), np.full((64, 96), 8.0)
+    down, across = np.mgrid[:64, :96]
+    rgb[(across // 8 + down // 8) % 2 == 0] *= 2
+    for x, y, color in ((28, 16, (40, 20, 8)), (62, 22, (10, 20, 40)), (70, 50, (40, 6, 6))):
+        rgb[np.hypot(across - x, down - y) < 2.5] = color
+    rgb[30:56, 44:72], depth[30:56, 44:72] = (0.1, 0.5, 0.2), 2.0
+    rgb[34:38, 48:68] = 0.8
+    rgb[:, 24:32], depth[:, 24:32] = (0.6, 0.3, 0.2), 0.8
+    rgb[::6, 24:32] = 0.1
+    lens = lens or pm.ThinLens(50.0, 0.7, 2.0, millimeters_per_unit=1000.0)
+    surface = np.select([depth == 0.8, depth == 2.0], [1, 2], 3).astype(np.uint32)
+    return pm.PointSamples.from_image(
+        *(rgb, depth),
+        depth_kind="z",
+        camera=40.0,
+        lens=lens,
+        surface=surface,
+        surfaces={1: "bar", 2: "card", 3: "lamps"},
+        antialiased=False,
+    )

@@ -29,6 +29,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi._image import write_picture
+from potmesil_mi.living.page import read_pictures
 from potmesil_mi.optics.lens import LensChanges
 from potmesil_mi.plugins import PLUGINS
 from scenes import still_life, synthetic
@@ -239,6 +240,11 @@ class Things:
     def picture_file(self):
         write_picture(PICTURE, self.place("picture.exr"), maps={"Z": np.full((4, 6), 2.0)})
         return self.place("picture.exr")
+
+    @functools.cached_property
+    def page_file(self):
+        pm.living_picture(SAMPLES, self.place("in.html"), f_numbers=[0.2], psnr=25.0)
+        return self.place("in.html")
 
     @functools.cached_property
     def samples_file(self):
@@ -661,6 +667,32 @@ ROWS: dict[str, Callable[[Things], Row]] = {
             "filters": [],
         },
     ),
+    "LivingPicture.from_dict": lambda it: Row(
+        pm.LivingPicture.from_dict,
+        {"values": read_pictures(it.page_file)[0].to_dict()},
+        {"values": "values|form"},
+    ),
+    "living_picture": lambda it: Row(
+        pm.living_picture,
+        {
+            "samples": few(lens=THIN.replace(focal_length=500.0)),
+            "path": it.place("page.html"),
+            "f_numbers": [0.5],
+            "near": 2.0,
+            "far": 3.0,
+            "psnr": 25.0,
+            "max_bytes": 1 << 20,
+            "title": "Few",
+            "method": "layered",
+            "rfilter": None,
+            "filters": [],
+        },
+    ),
+    "living_page": lambda it: Row(
+        pm.living_page,
+        {"paths": [it.page_file], "path": it.place("pages.html"), "title": "One"},
+        {"paths": "paths|path|text"},
+    ),
     "evaluation.thinlens_sensor": lambda it: Row(
         pm.evaluation.thinlens_sensor,
         {"sensor": it.perspective, "lens": THIN, "sampler": "independent", "spp": 4},
@@ -875,6 +907,7 @@ NO_ROWS = {
     "evaluation.Rendering": "is a result",
     "evaluation.EqualError": "is a result",
     "FocalStack": "is a result",
+    "LivingPicture": "is a result",
     "PointSamples.view": "checks nothing: chosen does",
     "PointSamples.joined": "joins columns of the package's own",
 }

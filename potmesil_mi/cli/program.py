@@ -30,6 +30,7 @@ from .commands import (
 from .dataset import dataset, dataset_options
 from .info import info, info_options
 from .live import live, live_options
+from .living import living, living_options
 from .options import add_talk
 from .parser import CommandParser, nearest
 from .stack import stack, stack_options
@@ -101,6 +102,9 @@ COMMANDS = {
     "animate": _Command("form the frames of an animation", animate_options, animate),
     "stack": _Command("form pictures at many distances or apertures", stack_options, stack),
     "dataset": _Command("form the stacks of a data set", dataset_options, dataset),
+    "living": _Command(
+        "write a page with a picture that one refocuses", living_options, living, SAMPLING
+    ),
     "info": _Command(
         "tell what a scene, samples or a picture have, and what a lens makes sharp",
         info_options,

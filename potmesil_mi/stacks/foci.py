@@ -22,7 +22,8 @@ from ..motion.track import is_infinite, named, require_known
 from ..optics.lens import AnyLensChanges, ThinLens
 from ..optics.lens_checks import IN_MILLIMETERS, IN_SCENE_UNITS
 from ..optics.telecentric import TelecentricLens, require_lens
-from ..samples.circles import FOCUS, DepthRange, advice, in_units_of
+from ..samples.circles import FOCUS, advice, in_units_of
+from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
 
 Lens = ThinLens | TelecentricLens
