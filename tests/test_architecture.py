@@ -41,6 +41,7 @@ WITHOUT_MITSUBA = (
     "motion",
     "animation",
     "stacks",
+    "living",
 )
 
 LONGEST_FILE = 450
