@@ -115,7 +115,7 @@ def _gather(
     )
     place, vergence, light = sums_alone.found(len(other_place))
     light[len(place) :] = other_light[:, : terms.of_film]
-    rows = np.concatenate([place, raster.size + np.arange(len(other_place))])
+    rows = np.concatenate([place, room + np.arange(len(other_place))])
     hidden = np.concatenate([np.zeros(len(place), dtype=bool), other_layer > 0])
     place = np.concatenate([place, other_place])
     vergence = np.concatenate([vergence, other_vergence])
