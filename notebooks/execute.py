@@ -64,8 +64,15 @@ def executed(path: Path) -> nbformat.NotebookNode:
     import matplotlib.font_manager  # noqa: F401
 
     where = {"metadata": {"path": str(path.parent)}}
+    client = NotebookClient(
+        notebook,
+        timeout=300,
+        record_timing=False,
+        coalesce_streams=True,  # Into how many parts a text comes is chance.
+        resources=where,
+    )
     try:
-        NotebookClient(notebook, timeout=300, record_timing=False, resources=where).execute()
+        client.execute()
     except CellExecutionError as error:
         raise Failed(f"{path.name}: {error}") from error
     notebook.metadata = nbformat.from_dict(METADATA)

@@ -4,6 +4,8 @@ import potmesil_mi  # before mitsuba: it offers Dr.Jit a usable LLVM  # noqa: F4
 
 # isort: split
 import os
+import signal
+import threading
 from pathlib import Path
 
 import browser as browsers
@@ -12,6 +14,10 @@ import mitsuba as mi
 import pytest
 
 TESTS = Path(__file__).parent
+
+if threading.current_thread() is threading.main_thread():
+    # Shells let what runs in their background ignore Ctrl-C, and so would what tests interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 QUICK = (
     "optics",
