@@ -21,7 +21,7 @@ from ..optics.lens import ThinLens
 from ..samples.choosing import require_samples
 from ..samples.maps import depth_map
 from ..samples.point_samples import PointSamples
-from .forming import Forming
+from .forming import SweepForming
 from .lenses import apertures_of, focus_range
 from .page import HTML, page_of, read_pictures
 from .picture import Level, LivingPicture
@@ -101,7 +101,7 @@ def living_picture(
     focused = focus_range(samples, lens, near, far)
     apertures = apertures_of(samples, lens, focused, f_numbers)
     session.accept_any_focus()
-    forming = Forming(session, focused, {"rfilter": rfilter, "filters": as_filters(filters)})
+    forming = SweepForming(session, focused, {"rfilter": rfilter, "filters": as_filters(filters)})
     opened = min(range(len(apertures)), key=lambda i: abs(apertures[i] - lens.f_number))
     place = float(focused.place_of(lens.focus_distance))
     first = LivingPicture(

@@ -19,7 +19,7 @@ HALVINGS = 2
 """How often steps of a sweep are halved, at most, where blends have not been measured."""
 
 
-class Forming:
+class SweepForming:
     """Forms the pictures of sweeps, in 8 bits of sRGB."""
 
     def __init__(self, session: FocusSession, focused: FocusRange, picture: dict[str, Any]) -> None:
