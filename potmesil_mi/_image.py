@@ -13,6 +13,7 @@ from typing import Any, Literal, TypedDict, get_args
 import numpy as np
 
 from ._files import require_path, require_suffix, require_writable, written_whole
+from ._threads import for_each
 from ._validation import require_choice, require_whole
 
 BitDepth = Literal["8", "16", "half", "float"]
@@ -39,6 +40,9 @@ LOSSY = (".jpg", ".jpeg")
 
 TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 """What OpenImageIO calls them."""
+
+ROWS = 64
+"""Rows that a thread encodes at once."""
 
 LARGEST_HALF = float(np.finfo(np.float16).max)
 """What is larger in a picture of halves becomes this, and not infinite."""
@@ -246,13 +250,20 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
 
 def in_srgb(linear: np.ndarray, depth: BitDepth) -> np.ndarray:
     """Linear colours, clipped to [0, 1], in sRGB of so many bits; alpha stays linear."""
-    values = np.clip(np.nan_to_num(linear), 0, 1)
-    if values.shape[2] == 4:  # What is kept so has colours that are not multiplied by alpha.
-        alpha = np.maximum(values[..., 3:], np.float32(1e-6))
-        values[..., :3] = np.clip(np.nan_to_num(linear[..., :3]) / alpha, 0, 1)
-    values[..., :3] = srgb_from_linear(values[..., :3])
     kind = np.dtype(TYPES[depth])
-    return (values * np.float32(np.iinfo(kind).max) + np.float32(0.5)).astype(kind)
+    encoded = np.empty(linear.shape, kind)
+
+    def encode(top: int) -> None:
+        rows = slice(top, top + ROWS)
+        values = np.clip(np.nan_to_num(linear[rows]), 0, 1)
+        if values.shape[2] == 4:  # What is kept so has colours that are not multiplied by alpha.
+            alpha = np.maximum(values[..., 3:], np.float32(1e-6))
+            values[..., :3] = np.clip(np.nan_to_num(linear[rows, :, :3]) / alpha, 0, 1)
+        values[..., :3] = srgb_from_linear(values[..., :3])
+        encoded[rows] = values * np.float32(np.iinfo(kind).max) + np.float32(0.5)
+
+    for_each(encode, range(0, len(linear), ROWS))
+    return encoded
 
 
 def _spec_of(values: np.ndarray, ending: str, depth: BitDepth, said: Mapping[str, Any]) -> Any:
