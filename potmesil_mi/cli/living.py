@@ -127,7 +127,8 @@ def _of_pages(options: argparse.Namespace, report: Report) -> None:
     from ..living.api import living_page
 
     pictures = living_page([options.scene, *options.more], options.output, title=options.title)
-    report.files([options.output], f"{len(pictures)} pictures")
+    count = "1 picture" if len(pictures) == 1 else f"{len(pictures)} pictures"
+    report.files([options.output], count)
 
 
 def _of_scene(options: argparse.Namespace) -> LivingPicture:
