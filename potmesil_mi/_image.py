@@ -193,9 +193,7 @@ def write_picture(
         values = np.clip(values, -LARGEST_HALF, LARGEST_HALF)
     spec = _spec_of(values, ending, depth, said or {})
     if ending in LOSSY:
-        spec.attribute("CompressionQuality", quality)
-        if quality >= FULL_COLOR:
-            spec.attribute("jpeg:subsampling", "4:4:4")
+        _set_quality(spec, quality, full_color=quality >= FULL_COLOR)
     if maps and ending == ".exr":
         # What is far, and the number of a surface, may be more than a half can be.
         spec.channelformats = (*(TYPES[depth],) * spec.nchannels, *("float",) * len(maps))
@@ -217,6 +215,26 @@ def encoded_picture(image: Any, suffix: str, quality: int = JPEG_QUALITY) -> byt
         path = Path(folder) / f"picture{suffix}"
         write_picture(image, path, bit_depth="8", quality=quality)
         return path.read_bytes()
+
+
+def encoded_jpeg(picture: np.ndarray, quality: int) -> tuple[bytes, np.ndarray]:
+    """A picture, uint8 (H, W, 3) in sRGB, as a JPEG of that ``quality``, and what this shows.
+
+    Colours are not kept for four pixels at once, as JPEG mostly does: edges of lamps would suffer.
+    """
+    spec = _spec_of(picture, ".jpg", "8", {})
+    _set_quality(spec, quality, full_color=True)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.jpg"
+        _write(np.ascontiguousarray(picture), spec, path)
+        return path.read_bytes(), read_srgb(path)
+
+
+def _set_quality(spec: Any, quality: int, *, full_color: bool) -> None:
+    """Let a JPEG have a ``quality``, and with ``full_color`` a colour for each pixel."""
+    spec.attribute("CompressionQuality", quality)
+    if full_color:
+        spec.attribute("jpeg:subsampling", "4:4:4")
 
 
 def write_maps(

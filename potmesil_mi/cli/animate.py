@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .cluster import add_many, given_cluster
-from .given import given_form, given_method
+from .given import given_form
 from .options import (
     FileAction,
     add_denoise,
@@ -26,10 +26,9 @@ from .report import Report
 from .taking import (
     SCENE,
     Opened,
-    require_no_scene_options,
+    begun_with_file,
     samples_of_file,
     sampling_for,
-    set_variant,
     tell_done,
 )
 
@@ -271,15 +270,12 @@ def _of_file(
     """The frames of samples in a file, or of a picture of another program."""
     from ..focusing.session import FocusSession
 
-    require_no_scene_options(options)
+    method = begun_with_file(options)
     if animation.moves:
         raise ValueError(
             f"{animation.moves}: moves, which asks for a scene, and {options.scene} has its "
             "samples already"
         )
-    method = given_method(options)
-    if options.variant is not None:
-        set_variant(options.variant)
     with given_cluster(options, _folder(files, frames)) as cluster:
         samples = samples_of_file(options.scene, options, animation)
         if options.denoise:

@@ -7,21 +7,13 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from .given import given_method
 from .options import (
-    add_denoise,
-    add_filter,
-    add_lens,
-    add_method,
     add_motion,
-    add_picture,
-    add_samples,
-    add_sampling,
     add_scene,
-    add_variant,
+    add_taking,
 )
 from .report import Report
-from .taking import SCENE, Opened, require_no_scene_options, samples_of_file, set_variant
+from .taking import SCENE, Opened, begun_with_file, samples_of_file
 
 if TYPE_CHECKING:
     from ..viewer.view import Viewer
@@ -53,15 +45,8 @@ def live_options(command: argparse.ArgumentParser) -> str:
     group.add_argument(
         "--seconds", type=float, help="after which it ends by itself (default: never)"
     )
-    add_variant(command)
-    add_samples(command)
-    add_denoise(command, "what the scene's integrator says")
-    add_sampling(command)
+    add_taking(command)
     add_motion(command)
-    add_lens(command)
-    add_method(command)
-    add_filter(command)
-    add_picture(command)
     return LIVE_EXAMPLES
 
 
@@ -120,10 +105,7 @@ def _view_of_file(options: argparse.Namespace) -> Viewer:
     """The view of samples in a file, or of a picture of another program."""
     from ..viewer.view import Viewer
 
-    require_no_scene_options(options)
-    method = given_method(options)
-    if options.variant is not None:
-        set_variant(options.variant)
+    method = begun_with_file(options)
     samples = samples_of_file(options.scene, options)
     if options.denoise:
         samples = samples.denoised()

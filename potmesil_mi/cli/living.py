@@ -8,18 +8,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from .._memory import size_in_bytes
-from .given import given_method, in_units, stated_unit
+from .given import in_units, stated_unit
 from .options import (
     OPTION_NAMES,
-    add_denoise,
-    add_filter,
-    add_lens,
-    add_method,
-    add_picture,
-    add_samples,
-    add_sampling,
     add_scene,
-    add_variant,
+    add_taking,
     f_number,
     length,
 )
@@ -27,10 +20,9 @@ from .report import Report
 from .taking import (
     SCENE,
     Opened,
-    require_no_scene_options,
+    begun_with_file,
     samples_of_file,
     sampling_for,
-    set_variant,
 )
 
 if TYPE_CHECKING:
@@ -87,14 +79,7 @@ def living_options(command: argparse.ArgumentParser) -> str:
         "--max-bytes", metavar="SIZE",
         help=f"largest page, such as 2M (default {MAX_BYTES / 1e6:g} MB)",
     )  # fmt: skip
-    add_variant(command)
-    add_samples(command)
-    add_denoise(command, "what the scene's integrator says")
-    add_sampling(command)
-    add_lens(command)
-    add_method(command)
-    add_filter(command)
-    add_picture(command, ENDS)
+    add_taking(command, ENDS)
     return LIVING_EXAMPLES
 
 
@@ -148,10 +133,7 @@ def _of_scene(options: argparse.Namespace) -> LivingPicture:
 
 def _of_file(options: argparse.Namespace) -> LivingPicture:
     """The same of samples in a file, or of a picture of another program."""
-    require_no_scene_options(options)
-    method = given_method(options)
-    if options.variant is not None:
-        set_variant(options.variant)
+    method = begun_with_file(options)
     samples = samples_of_file(options.scene, options, _apertures(options))
     if options.denoise:
         samples = samples.denoised()

@@ -384,3 +384,18 @@ def _definition(text: str) -> tuple[str, str]:
     if not key or not equals:
         raise argparse.ArgumentTypeError(f"{text!r}: must be KEY=VALUE")
     return key, value
+
+
+def add_taking(command: argparse.ArgumentParser, names: Mapping[str, str] = OPTION_NAMES) -> None:
+    """Add what says how samples are taken, or read, and focused.
+
+    ``names`` are those of :func:`add_picture`.
+    """
+    add_variant(command)
+    add_samples(command)
+    add_denoise(command, "what the scene's integrator says")
+    add_sampling(command)
+    add_lens(command)
+    add_method(command)
+    add_filter(command)
+    add_picture(command, names)

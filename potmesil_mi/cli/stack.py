@@ -9,19 +9,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .cluster import add_many, given_cluster
-from .given import given_form, given_method, in_units, renamed, stated_unit, with_units
+from .given import given_form, in_units, renamed, stated_unit, with_units
 from .options import (
     OPTION_NAMES,
-    add_denoise,
-    add_filter,
     add_form,
-    add_lens,
-    add_method,
-    add_picture,
-    add_samples,
-    add_sampling,
     add_scene,
-    add_variant,
+    add_taking,
     f_number,
     length,
 )
@@ -29,10 +22,9 @@ from .report import Report
 from .taking import (
     SCENE,
     Opened,
-    require_no_scene_options,
+    begun_with_file,
     samples_of_file,
     sampling_for,
-    set_variant,
     shows_coverage,
     source_of,
     tell_done,
@@ -117,14 +109,7 @@ def stack_options(command: argparse.ArgumentParser) -> str:
     )  # fmt: skip
     add_many(command, "each picture", "pictures", "pictures")
     add_form(command)
-    add_variant(command)
-    add_samples(command)
-    add_denoise(command, "what the scene's integrator says")
-    add_sampling(command)
-    add_lens(command)
-    add_method(command)
-    add_filter(command)
-    add_picture(command, PLANES)
+    add_taking(command, PLANES)
     return STACK_EXAMPLES
 
 
@@ -263,10 +248,7 @@ def _of_file(
     from ..samples.provenance import file_name
     from ..stacks.forming import Forming
 
-    require_no_scene_options(options)
-    method = given_method(options)
-    if options.variant is not None:
-        set_variant(options.variant)
+    method = begun_with_file(options)
     samples = samples_of_file(options.scene, options, foci)
     how = {"source": file_name(options.scene), **how_formed(options, method, filters)}
     plan = _plan(options, _lenses_of(foci, samples.lens, options), files, how)

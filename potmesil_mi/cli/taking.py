@@ -418,3 +418,15 @@ def require_no_scene_options(options: argparse.Namespace) -> None:
             raise ValueError(
                 f"{name}={value}: is for a scene, and {options.scene} has its samples already"
             )
+
+
+def begun_with_file(options: argparse.Namespace) -> Method:
+    """The method by which samples in a file are focused, in the variant of the options.
+
+    Raises ``ValueError`` for options that say what is sampled.
+    """
+    require_no_scene_options(options)
+    method = given_method(options)
+    if options.variant is not None:
+        set_variant(options.variant)
+    return method

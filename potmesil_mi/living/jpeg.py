@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from .._image import read_srgb
+from .._image import encoded_jpeg
 
 QUALITIES = (30, 98)
 """The least and the best quality that is tried."""
@@ -26,24 +24,8 @@ class Jpeg(NamedTuple):
 
 
 def encoded(picture: np.ndarray, quality: int) -> Jpeg:
-    """A picture, uint8 (H, W, 3) in sRGB, in JPEG of that ``quality``, 1 to 100.
-
-    Colours are not kept for four pixels at once, as JPEG mostly does: edges of lamps would suffer.
-    """
-    import OpenImageIO as oiio
-
-    height, width, channels = picture.shape
-    spec = oiio.ImageSpec(width, height, channels, "uint8")
-    spec.attribute("oiio:ColorSpace", "sRGB")
-    spec.attribute("jpeg:subsampling", "4:4:4")
-    spec.attribute("CompressionQuality", quality)
-    with tempfile.TemporaryDirectory() as folder:  # OpenImageIO writes files, and no bytes.
-        path = Path(folder) / "picture.jpg"
-        output = oiio.ImageOutput.create(str(path))
-        written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(picture))
-        if not (output.close() and written):
-            raise OSError(f"a JPEG could not be written: {output.geterror()}")
-        return Jpeg(path.read_bytes(), read_srgb(path))
+    """A picture, uint8 (H, W, 3) in sRGB, in JPEG of that ``quality``, 1 to 100."""
+    return Jpeg(*encoded_jpeg(picture, quality))
 
 
 def squared_error(found: np.ndarray, expected: np.ndarray) -> float:

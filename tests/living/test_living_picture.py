@@ -5,6 +5,7 @@ import json
 import re
 import signal
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from potmesil_mi.living.sweep import FocusRange, Sweep, blend
 from scenes import behind_a_bar, synthetic
 
 F_NUMBERS = [0.7, 1.4]
+DOCS = Path(__file__).parents[2] / "docs" / "extra"
 
 
 @pytest.fixture(scope="module")
@@ -268,3 +270,9 @@ def test_the_least_quality_that_suffices_is_taken():
     assert squared_error(fine.shown, picture) <= 1e-3
     assert len(rough.data) < len(fine.data) < len(encoded(picture, 98).data) + 1
     np.testing.assert_array_equal(decoded(fine.data), fine.shown)
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.html")), ids=lambda path: path.name)
+def test_a_page_in_the_docs_has_the_script_and_the_style_of_now(path):
+    """`potmesil living PAGE -o PAGE` puts its pictures into a page of today."""
+    assert page_of(read_pictures(path)) == path.read_text(encoding="utf-8")
