@@ -11,8 +11,9 @@ from ..optics.blur import widest_radius_per_vergence
 from ..optics.camera import Camera
 from ..optics.lens import ThinLens
 from ..optics.usable import require_usable_lens
-from ..samples.circles import DepthRange
+from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
+from ..stacks.foci import closest_focus
 from .sweep import FocusRange
 
 STOPS = (1, 1.4, 2, 2.8, 4, 5.6, 8, 11, 16, 22, 32, 45, 64, 90, 128, 180, 256, 360, 512)
@@ -24,9 +25,6 @@ MOST_STOPS = 6
 NARROWEST = 2.0
 """They end where circles of confusion grow by no more than this from near to far, in pixels."""
 
-CLOSEST = 2.0
-"""The nearest focus that is chosen, in focal lengths: life size."""
-
 
 def focus_range(
     samples: PointSamples, lens: ThinLens, near: float | None, far: float | None
@@ -37,7 +35,7 @@ def focus_range(
             require_positive(name, value, "scene units")
             with named(name):
                 require_usable_lens(lens.replace(focus_distance=float(value)))
-    closest = CLOSEST * float(lens.focal_length) / float(lens.millimeters_per_unit)
+    closest = closest_focus(lens)
     ends = DepthRange.of(samples).ends(samples.camera)
     chosen = near is None and far is None
     if near is None:

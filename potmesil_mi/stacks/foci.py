@@ -32,6 +32,9 @@ Changes = Mapping[str, Any]
 MOST_PICTURES = 1_000_000
 """Most pictures of a stack."""
 
+CLOSEST = 2.0
+"""The nearest distance that is focused on unless it is asked for, in focal lengths: life size."""
+
 TABLES = (".csv", ".toml")
 """Suffixes of the files that :func:`read_table` reads."""
 
@@ -214,6 +217,11 @@ def warn_of_no_focus(samples: PointSamples, lenses: Sequence[Lens], depth: int =
         warnings.warn(
             f"no picture is focused on anything, the first at {first}", FocusWarning, depth + 1
         )
+
+
+def closest_focus(lens: ThinLens) -> float:
+    """The nearest distance that a lens is focused on unless it is asked for, in scene units."""
+    return CLOSEST * float(lens.focal_length) / float(lens.millimeters_per_unit)
 
 
 def equal_circles(lens: Lens, near: Any, far: Any, count: int) -> list[float]:

@@ -11,13 +11,10 @@ from ..optics.telecentric import WIDEST_HALF_ANGLE
 from ..samples.depth_range import DepthRange
 from ..samples.point_samples import PointSamples
 from ..samples.provenance import widest_of
-from ..stacks.foci import Lens, equal_circles
+from ..stacks.foci import Lens, closest_focus, equal_circles
 
 STEPS = 240
 """Steps of the focus: each changes the circles of confusion by as much."""
-
-LEAST_FOCAL_LENGTHS = 2.0
-"""Nearest focused distance in focal lengths, but for a lens that is focused nearer already."""
 
 OPENINGS_A_STOP = 3
 STOPS = 8
@@ -47,7 +44,7 @@ def foci(samples: PointSamples, lens: Lens) -> list[float]:
         if not near < far:
             near, far = near - 1, far + 1
         return equal_circles(lens, near, far, STEPS + 1)
-    least = LEAST_FOCAL_LENGTHS * lens.focal_length / lens.millimeters_per_unit
+    least = closest_focus(lens)
     nearest = min(filter(math.isfinite, ends), default=least)
     near, far = min(own, max(least, nearest)), max([own, *ends])
     if not near < far:
