@@ -34,6 +34,9 @@ else:
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parent.parent
+COPIED_NOTEBOOKS = ROOT / "docs" / "notebooks"
+"""Where a build of the docs has copies of the notebooks."""
+
 SECONDS = 300
 """That a command line may take: far more than any takes."""
 
@@ -155,7 +158,9 @@ def names_in(folder, *patterns):
     return {
         path.relative_to(ROOT).as_posix()
         for path in found
-        if path.is_file() and not {"__pycache__", "_build", "generated"} & {*path.parts}
+        if path.is_file()
+        and not {"__pycache__", "_build", "generated"} & {*path.parts}
+        and path.parent != COPIED_NOTEBOOKS
     }
 
 
