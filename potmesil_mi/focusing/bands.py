@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..optics.blur import Blur
-from .lens_view import LensView
+from .fragments import Fragments
 
 SLICE_RADII = 4.0 ** np.arange(12)
 """Radii in subpixels between which circles form a slice; up to the first they are of both signs."""
@@ -62,13 +62,14 @@ class Band:
         ]
 
 
-def bands(view: LensView, blur: Blur, kept_radius: float) -> Iterator[Band]:
+def bands(counts: np.ndarray, some: Fragments, blur: Blur, kept_radius: float) -> Iterator[Band]:
     """The bands that have fragments, from the nearest.
+
+    ``counts``, int64 (bins,), tells how many each bin has, which are those of ``some`` fragments.
 
     Around each of the ``SLICE_RADII`` they are parted where there are the fewest fragments: between
     surfaces rather than within one.
     """
-    counts, some = view.counts, view.unoccluded
     if blur.radius_per_vergence == 0:
         yield Band(0, len(counts), 0.0, 0.0, 1.0, 1, 1)
         return

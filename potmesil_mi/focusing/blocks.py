@@ -30,14 +30,15 @@ class BlockImage:
     channels: Sequence[np.ndarray]
 
     @classmethod
-    def of(cls, image: np.ndarray) -> BlockImage:
-        """The blocks of an image, float32 (H, W, C)."""
+    def of(cls, image: np.ndarray, *, all_blocks: bool = False) -> BlockImage:
+        """The blocks of an image, float32 (H, W, C), that have light, or ``all_blocks`` of it."""
         height, width, channels = image.shape
         down, across = (-(-size // BLOCK) for size in (height, width))
         padded = np.zeros((down * BLOCK, across * BLOCK, channels), np.float32)
         padded[:height, :width] = image
         blocks = _in_blocks(padded)
-        number = numbered(np.asarray(blocks.any(axis=(2, 3, 4))))
+        lit = np.asarray(blocks.any(axis=(2, 3, 4)))
+        number = numbered(np.ones_like(lit) if all_blocks else lit)
         stored = np.concatenate([np.zeros_like(blocks[:1, 0]), blocks[number > 0]])
         return cls((height, width), number, [stored])
 

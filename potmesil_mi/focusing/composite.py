@@ -157,27 +157,15 @@ class Compositor:
         return self._placed(picture, weights, self.moments)
 
     def _weights(self) -> np.ndarray:
-        """What subpixels count in their pixels, float32 (H, W).
-
-        Near what is sharp they count as densely as they were sampled, as do the samples themselves.
-        Elsewhere their light comes from all around, and chance that is their own is but noise.
-        """
-        lit = (self.covered > FAINTEST).astype(np.float32)
+        """What subpixels count in their pixels, see :func:`weights_of`."""
+        share = None
+        if self.sharp is not None:
+            share = np.zeros(self.crop.shape, np.float32)
+            both = self.sharp.box.intersection(self.crop)
+            of_sharp = self.sharp.light[both.slices_in(self.sharp.box)]
+            share[both.slices_in(self.crop)] = of_sharp[..., SHARE]
         alone = self.subpixels == 1 and self.moments is None  # The only one in its pixel.
-        if self.density is None or self.sharp is None or alone:
-            return lit
-        near = np.zeros(self.crop.shape, dtype=bool)
-        both = self.sharp.box.intersection(self.crop)
-        place = both.slices_in(self.crop)
-        share = self.sharp.light[both.slices_in(self.sharp.box)][..., SHARE]
-        near[place] = share > FAINTEST_BLUR * np.maximum(self.covered[place], FAINTEST)
-        for of in (near, near.T):
-            grown = of.copy(order="K")
-            for step in range(1, self.subpixels + 1):
-                grown[step:] |= of[:-step]
-                grown[:-step] |= of[step:]
-            of[:] = grown
-        return np.where(near, self.density * lit, lit)
+        return weights_of(self.covered, share, self.density, self.subpixels, alone=alone)
 
     def _placed(
         self, picture: np.ndarray, weights: np.ndarray, of_samples: np.ndarray
@@ -235,6 +223,33 @@ class Compositor:
         there = jit.UInt32(dr.select(inside, y * width + x, 0))
         values = values_at(on_device(image), there, channels)
         return [dr.select(inside, value, 0) for value in values]
+
+
+def weights_of(
+    covered: np.ndarray,
+    sharp: np.ndarray | None,
+    density: np.ndarray | None,
+    subpixels: int,
+    *,
+    alone: bool,
+) -> np.ndarray:
+    """What subpixels count in their pixels, float32 (H, W).
+
+    Near what is sharp, whose share of each is given, they count as densely as they were sampled,
+    as do the samples themselves. Elsewhere their light comes from all around, and chance that is
+    their own is but noise; so it is where one is ``alone`` in its pixel.
+    """
+    lit = (covered > FAINTEST).astype(np.float32)
+    if density is None or sharp is None or alone:
+        return lit
+    near = sharp > FAINTEST_BLUR * np.maximum(covered, FAINTEST)
+    for of in (near, near.T):
+        grown = of.copy(order="K")
+        for step in range(1, subpixels + 1):
+            grown[step:] |= of[:-step]
+            grown[:-step] |= of[step:]
+        of[:] = grown
+    return np.where(near, density * lit, lit)
 
 
 def _in_each_channel(plane: np.ndarray, channels: int) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from .._threads import for_each, processors
 from ..optics.convolution import convolve_cyclically, fast_size, kernel_spectrum
 from ..samples.raster import Window
-from .blocks import BlockImage
+from .blocks import BLOCK, BlockImage
 
 TILE = 192
 """Width in pixels of tiles, with what is around them."""
@@ -75,6 +75,26 @@ def spread(images: Sequence[BlockImage], kernels: Sequence[np.ndarray]) -> np.nd
     workers = max(processors() // len(tiles), 1)
     for_each(spread_to, tiles)
     return total
+
+
+def spread_back(
+    light: np.ndarray, kernels: Sequence[np.ndarray], number: np.ndarray, block_count: int
+) -> np.ndarray:
+    """The transpose of :func:`spread`: of light, float32 (H, W, C), the blocks of its images.
+
+    ``number``, (K, h, w), are those of the blocks of each image, see :class:`.blocks.BlockImage`,
+    of which ``block_count`` are stored. Each is the light correlated with its kernel, float32
+    (n, ``BLOCK``, ``BLOCK``, C).
+    """
+    image = BlockImage.of(np.ascontiguousarray(light, dtype=np.float32))
+    stored = np.zeros((block_count, BLOCK, BLOCK, light.shape[2]), np.float32)
+    for kernel, own in zip(kernels, number, strict=True):
+        if own.any():
+            turned = kernel if kernel.ndim == 1 else kernel[::-1, ::-1]
+            found = BlockImage.of(spread([image], [turned]), all_blocks=True)
+            lit = own > 0
+            stored[own[lit]] = found.channels[0][found.number[lit]]
+    return stored
 
 
 class _Cut(NamedTuple):

@@ -108,8 +108,26 @@ def reconstruct(
     A pixel is the mean of the light under its filter (box by default), as its weights tell. Where
     all weights are 0 it is 0.
     """
-    if subpixels == 1 and (rfilter is None or rfilter.is_box_filter()):
+    if _is_finished(subpixels, rfilter):
         return np.asarray(fine.picture)
+    height, width, colours = fine.picture.shape
+    pixels = np.array(interleaved(reconstruct_channels(fine, subpixels, rfilter)))
+    return pixels.reshape(height // subpixels, width // subpixels, colours)
+
+
+def _is_finished(subpixels: int, rfilter: ReconstructionFilter | None) -> bool:
+    """Whether subpixels are pixels, of which each is its own mean."""
+    return subpixels == 1 and (rfilter is None or rfilter.is_box_filter())
+
+
+def reconstruct_channels(
+    fine: FinePicture, subpixels: int, rfilter: ReconstructionFilter | None = None
+) -> list[jit.Float]:
+    """The channels of what :func:`reconstruct` makes, as Dr.Jit arrays, which keep gradients."""
+    height, width, colours = fine.picture.shape
+    if _is_finished(subpixels, rfilter):
+        place = dr.arange(jit.UInt32, height * width)
+        return values_at(on_device(fine.picture), place, colours)
     radius, response = _response(rfilter)
     margin = max(0, math.ceil((radius - 0.5) * subpixels))
     middles = (np.arange(-margin, subpixels + margin) + 0.5) / subpixels - 0.5
@@ -124,9 +142,7 @@ def reconstruct(
     if degree > 0 and response(np.linspace(-radius, radius, NODES)).min() >= 0:
         least = _filtered_twice(light, limited(taps), subpixels, shape)
         picture = [dr.maximum(of, low / 2) for of, low in zip(picture, least, strict=True)]
-    height, width, colours = shape
-    pixels = np.array(interleaved(picture))
-    return pixels.reshape(height // subpixels, width // subpixels, colours)
+    return picture
 
 
 def _filtered_twice(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import drjit as dr
@@ -89,14 +90,7 @@ def _gather(
     located = functools.partial(located_in, samples, subpixels, raster)
 
     room = among_few(raster.size)
-    nearest = dr.zeros(jit.UInt32, room)
-    farthest = dr.full(jit.UInt32, MAX_BINS, room)
-    for part, chosen in parts_of(len(samples), which):
-        at = located(part)
-        bin_ = bins.of_vergence(at.vergence)
-        for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
-            dr.scatter_reduce(op, ends, bin_, at.subpixel, at.visible & chosen, mode=scatter_mode())
-        dr.eval(nearest, farthest)
+    nearest, farthest = ends_of_bins(len(samples), located, bins, room, which)
     # Most subpixels show one depth: their samples need no sorting.
     one_depth = nearest - farthest <= 1
 
@@ -129,6 +123,28 @@ def _gather(
         found = dataclasses.replace(found, detail=rows)
         detail = sums_alone.detail().and_others(Detail.of(other_light[:, terms.detail]))
     return found.in_order(), detail
+
+
+def ends_of_bins(
+    count: int,
+    located: Callable[[slice | np.ndarray], Located],
+    bins: Bins,
+    room: int,
+    which: np.ndarray | None = None,
+) -> tuple[jit.UInt32, jit.UInt32]:
+    """The nearest and the farthest bin of what the pinhole sees of ``count`` samples.
+
+    There is one of each for every subpixel, of which there are at most ``room``.
+    """
+    nearest = dr.zeros(jit.UInt32, room)
+    farthest = dr.full(jit.UInt32, MAX_BINS, room)
+    for part, chosen in parts_of(count, which):
+        at = located(part)
+        bin_ = bins.of_vergence(at.vergence)
+        for op, ends in ((dr.ReduceOp.Max, nearest), (dr.ReduceOp.Min, farthest)):
+            dr.scatter_reduce(op, ends, bin_, at.subpixel, at.visible & chosen, mode=scatter_mode())
+        dr.eval(nearest, farthest)
+    return nearest, farthest
 
 
 class Gathered(NamedTuple):

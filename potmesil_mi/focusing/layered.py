@@ -77,20 +77,14 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     of_pixels = Blur.of(exposure.lens, exposure.samples.camera)
     samples, memo = within_reach(exposure.samples, of_pixels, memo)
     exposure = dataclasses.replace(exposure, samples=samples)
-    aperture = aperture_behind(exposure.psf)
-    kept_radius, small_area = 0.0, float(SMALL_AREA)
-    if how.exact:
-        kept_radius, small_area = EXACT_KEPT_RADIUS, math.inf
-    elif exposure.subpixels >= FINE_SUBPIXELS:
-        kept_radius, small_area = FINE_KEPT_RADIUS, SMALL_AREA * exposure.subpixels**2
-    fineness = Fineness(max(kept_radius * exposure.subpixels, aperture.finest), small_area)
+    fineness = fineness_of(exposure, how.exact)
     views = _views(exposure, memo, how)
     channels = views.finest.unoccluded.values.shape[1]
     groups = plan(
         views, exposure.lens, exposure.psf, exposure.blur, exposure.subpixels_per_mm, fineness
     )
     density, moments = (
-        None if of is None else _cropped(of, exposure.crop) for of in (views.density, views.moments)
+        None if of is None else cropped(of, exposure.crop) for of in (views.density, views.moments)
     )
     compositor = Compositor(exposure.crop, channels, exposure.subpixels, density, moments)
     begun: list[tuple[DepthSlice, SliceImages]] = []
@@ -103,7 +97,32 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     return compositor.finished()
 
 
-def _cropped(array: np.ndarray, crop: Window) -> np.ndarray:
+def fineness_of(exposure: Exposure, exact: bool) -> Fineness:
+    """How finely the circles of an exposure are spread."""
+    kept_radius, small_area = 0.0, float(SMALL_AREA)
+    if exact:
+        kept_radius, small_area = EXACT_KEPT_RADIUS, math.inf
+    elif exposure.subpixels >= FINE_SUBPIXELS:
+        kept_radius, small_area = FINE_KEPT_RADIUS, SMALL_AREA * exposure.subpixels**2
+    finest = aperture_behind(exposure.psf).finest
+    return Fineness(max(kept_radius * exposure.subpixels, finest), small_area)
+
+
+def radius_of_view(exposure: Exposure, exact: bool) -> float:
+    """Radius of circles, in subpixels per unit of vergence, of the lens that is looked through.
+
+    Unless that is to be ``exact``, it is the nearest of some fixed ones.
+    """
+    radius = exposure.blur.radius_per_vergence
+    if radius == 0:
+        return CLOSED_RADIUS
+    if exact:
+        return radius
+    step = math.log1p(2 * SIMILAR_RADIUS)
+    return math.exp(round(math.log(radius) / step) * step)
+
+
+def cropped(array: np.ndarray, crop: Window) -> np.ndarray:
     """The part of an array of the samples' window that is in the crop; 0 where it is beyond."""
     window = Window(0, 0, *array.shape[1::-1])
     cropped = np.zeros((*crop.shape, *array.shape[2:]), array.dtype)
@@ -116,13 +135,10 @@ def _views(exposure: Exposure, memo: Memo, how: Visibility) -> ViewPyramid:
     """What the lens sees of the samples: known from before, or found out now."""
     samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
     aperture = aperture_behind(exposure.psf)
-    radius = exposure.blur.radius_per_vergence
-    if radius == 0:
+    radius = radius_of_view(exposure, how.exact)
+    if exposure.blur.radius_per_vergence == 0 and not samples.moves:
         # What moves uncovers what is hidden, also before a pinhole.
-        samples, radius = samples if samples.moves else samples.visible(), CLOSED_RADIUS
-    elif not how.exact:
-        step = math.log1p(2 * SIMILAR_RADIUS)
-        radius = math.exp(round(math.log(radius) / step) * step)
+        samples = samples.visible()
     lens_points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
     diffracts = aperture.diffracts
     degree = 0 if diffracts else exposure.degree

@@ -25,19 +25,19 @@ BESIDE = 2
 
 def lit_by_circles(circles: CirclePlan, box: Window) -> np.ndarray:
     """Which blocks of the images of unoccluded fragments have light, bool (K, h, w)."""
-    lit = _dark(len(circles.kernels), box, BLOCK)
+    lit = dark(len(circles.kernels), box, BLOCK)
     some, part, single = circles.fragments, circles.part, circles.single_points
     before = circles.kernel_of_bin[some.bin[part] - circles.first_bin]
     own = some.x[part] - box.left, some.y[part] - box.top
-    _mark(lit, before, *own, BLOCK)
+    mark(lit, before, *own, BLOCK)
     if circles.small is not None:
         for across, down in itertools.product((-REACH, REACH), repeat=2):
-            _mark(lit, before, own[0] + across, own[1] + down, BLOCK)
+            mark(lit, before, own[0] + across, own[1] + down, BLOCK)
     reach = circles.moved_reach
     for across in (-reach, reach):
         for down in (-reach, reach):
             x, y = some.x[single] + (across - box.left), some.y[single] + (down - box.top)
-            _mark(lit, before[single - part.start], x, y, BLOCK)
+            mark(lit, before[single - part.start], x, y, BLOCK)
     lit[1:] |= lit[:-1].copy()
     return lit
 
@@ -66,25 +66,30 @@ def lit_by_points(depth_slice: DepthSlice, points: PointPlan) -> np.ndarray:
     lit = np.empty((count, *(-(-size // BLOCK) for size in box.shape)), bool)
     for octave in range(count):
         here = (first <= octave) & (octave <= last)
-        cells = _dark(1, box, CELL)
-        _mark(cells, 0, x[here], y[here], CELL)
-        reach = points.occluded.reach * float(radii[here].max(initial=0)) + BESIDE
-        reach += along / points.pixel
-        size = 2 * math.ceil(reach / CELL) + 1
-        near = scipy.ndimage.maximum_filter(cells[0], size, mode="constant")
-        down, across = lit.shape[1:]
-        lit[octave] = near.reshape(down, BLOCK // CELL, across, BLOCK // CELL).any(axis=(1, 3))
+        reach = points.occluded.reach * float(radii[here].max(initial=0))
+        lit[octave] = lit_around(x[here], y[here], box, reach + along / points.pixel)
     return lit
 
 
-def _dark(count: int, box: Window, side: int) -> np.ndarray:
+def lit_around(x: np.ndarray, y: np.ndarray, box: Window, reach: float) -> np.ndarray:
+    """Which blocks of an image have light of the pixels (x, y) or of any within ``reach``.
+
+    bool (h, w).
+    """
+    cells = dark(1, box, CELL)
+    mark(cells, 0, x, y, CELL)
+    size = 2 * math.ceil((reach + BESIDE) / CELL) + 1
+    near = scipy.ndimage.maximum_filter(cells[0], size, mode="constant")
+    down, across = (size // (BLOCK // CELL) for size in near.shape)
+    return np.asarray(near.reshape(down, BLOCK // CELL, across, BLOCK // CELL).any(axis=(1, 3)))
+
+
+def dark(count: int, box: Window, side: int) -> np.ndarray:
     """Parts of ``count`` images, a ``side`` wide, as many as fill the blocks of each; unlit."""
     return np.zeros((count, *(-(-size // BLOCK) * (BLOCK // side) for size in box.shape)), bool)
 
 
-def _mark(
-    lit: np.ndarray, image: np.ndarray | int, x: np.ndarray, y: np.ndarray, side: int
-) -> None:
+def mark(lit: np.ndarray, image: np.ndarray | int, x: np.ndarray, y: np.ndarray, side: int) -> None:
     """Mark the parts of images, a ``side`` wide, that pixels are in."""
     _, down, across = lit.shape
     lit.reshape(-1)[(image * np.int32(down) + y // side) * np.int32(across) + x // side] = True

@@ -22,7 +22,9 @@ from .exposure import FINE_SUBPIXELS, Exposure
 from .memo import Memo
 
 if TYPE_CHECKING:
-    from .film import FinePicture
+    from .._backend import TensorXf
+    from .film import FinePicture, ReconstructionFilter
+    from .layered import Visibility
 
 MethodName = Literal["layered", "lightfield", "paper"]
 """The names of the package's own methods."""
@@ -82,6 +84,23 @@ class Method(Spec, family="method"):
         """
         raise NotImplementedError
 
+    def form_attached(
+        self,
+        exposure: Exposure,
+        memo: Memo,
+        lens: ThinLens,
+        rfilter: ReconstructionFilter | None,
+    ) -> TensorXf:
+        """The picture of ``exposure`` in pixels, attached to what has gradients.
+
+        ``lens`` is that of the exposure, with its gradients. Raises ``NotImplementedError`` for a
+        method that has no derivatives.
+        """
+        raise NotImplementedError(
+            f"method={self.name}: has no derivatives, as layered and lightfield have; detach what "
+            "has gradients enabled, as by dr.detach"
+        )
+
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """Subpixels on a side of a pixel, unless ``squares`` says it."""
         return 1
@@ -110,11 +129,28 @@ class _Visible(Method):
         """See :meth:`Method.form`."""
         from . import layered
 
+        return layered.form(exposure, memo, self._visibility(exposure))
+
+    def form_attached(
+        self,
+        exposure: Exposure,
+        memo: Memo,
+        lens: ThinLens,
+        rfilter: ReconstructionFilter | None,
+    ) -> TensorXf:
+        """See :meth:`Method.form_attached`."""
+        from .gradients.form import form
+
+        return form(exposure, memo, self._visibility(exposure), lens, rfilter)
+
+    def _visibility(self, exposure: Exposure) -> Visibility:
+        from .layered import Visibility
+
         points = self.lens_points
         if points is None:
             least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
             points = max(self.points_for(exposure.samples), least)
-        return layered.form(exposure, memo, layered.Visibility(points, self.exact))
+        return Visibility(points, self.exact)
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""

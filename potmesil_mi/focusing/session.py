@@ -7,7 +7,6 @@ import weakref
 from collections.abc import Sequence
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
@@ -15,7 +14,6 @@ from .._memory import require_memory
 from .._validation import require_flag, shown
 from ..filters.base import FilterFunction, apply_filters, as_filters
 from ..optics.aperture import Aperture
-from ..optics.arithmetic import is_drjit
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
 from ..optics.telecentric import (
@@ -28,6 +26,7 @@ from ..optics.usable import require_usable_lens
 from ..samples.choosing import require_samples
 from ..samples.circles import FOCUS, in_units_of
 from ..samples.point_samples import PointSamples
+from .derivatives import has_gradients, require_derivatives
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
@@ -149,7 +148,9 @@ def form_picture(
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
     if jit.variant() is not None:  # None: the first backend that works is taken
         jit.require_vectorised_variant("focus")
-    given_lens, given = lens, _plain(samples.lens if lens is None else lens)
+    chosen = samples.lens if lens is None else lens
+    given_lens, given = lens, _plain(chosen)
+    attached = has_gradients(samples, chosen)
     require_fitting(samples.camera, given)
     require_usable_lens(given)
     lens, picture_of = _thin_lens(samples, given)
@@ -177,6 +178,13 @@ def form_picture(
         owned = memo
         if picture_of is not None:
             samples, memo = changed(samples, picture_of, memo)
+        if attached:
+            require_derivatives(samples, chosen, channels, filters)
+            exposure = Exposure(samples, lens, psf, subpixels, bool(alpha))
+            form = method.form_attached
+            attached_picture = form(exposure, memo, in_units_of(samples, chosen), rfilter)
+            memo.trim()
+            return attached_picture
         degree = degree_of(rfilter, subpixels)
         exposures = [
             Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None, degree)
@@ -235,17 +243,10 @@ def _require_hashable(psf: PointSpreadFunction) -> None:
 
 
 def _plain(lens: Any) -> ThinLens | TelecentricLens:
-    """The lens with plain numbers, if it is one and nobody waits for its derivatives."""
     if isinstance(lens, TelecentricLens):
         return lens
     if not isinstance(lens, ThinLens):
         raise TypeError(
             f"lens={shown(lens)}: must be a ThinLens, such as samples.lens.replace(...)"
         )
-    for name, value in lens.parameters().items():
-        if is_drjit(value) and dr.grad_enabled(value):
-            raise NotImplementedError(
-                f"{name}: has gradients enabled, but a focus has no derivatives; detach it, as by "
-                "dr.detach"
-            )
     return lens.plain()

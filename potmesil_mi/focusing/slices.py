@@ -170,7 +170,7 @@ def plan(
     ``blur`` is that of the lens in subpixels.
     """
     groups = []
-    for band in bands(views.finest, blur, fineness.kept_radius):
+    for band in bands(views.finest.counts, views.finest.unoccluded, blur, fineness.kept_radius):
         slices = [
             _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster).planned(fineness)
             for raster in band.rasters()
@@ -179,7 +179,7 @@ def plan(
     return groups
 
 
-def _smeared(resolution: int) -> float:
+def smeared(resolution: int) -> float:
     """Variance, in pixels squared, that pixels of a ``resolution`` add to what is spread on them.
 
     It is that of interpolation between coarser pixels and of gathering by them, less what their
@@ -219,7 +219,7 @@ class _SlicePlanner:
             self.blur.radius_per_vergence,
             self.blur.focused_vergence,
             band.sign,
-            _smeared(factor),
+            smeared(factor),
             largest,
         )
         self.parts = self._parts()

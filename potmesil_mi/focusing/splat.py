@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import drjit as dr
@@ -86,13 +86,25 @@ class ImageStack:
         With ``only_colours`` neither the share of the area nor alpha is added. From ``term`` 1 on
         these are not the values but their moments.
         """
-        values = dr.gather(jit.Array4f, columns.values[term], fragment, active)
+        values, alpha = dr.gather(jit.Array4f, columns.values[term], fragment, active), None
         if only_colours:
             values.w = 0
+        elif self.alpha is not None:
+            alpha = dr.gather(jit.Float, columns.alpha[term], fragment, active)
+        self.scatter(values, alpha, place, share, active)
+
+    def scatter(
+        self,
+        values: jit.Array4f,
+        alpha: jit.Float | None,
+        place: jit.UInt32,
+        share: jit.Float,
+        active: jit.Bool = True,
+    ) -> None:
+        """Add the ``share`` of RGB and share, and of alpha, at the ``place`` of a stored pixel."""
         dr.scatter_add(self.colours, values * share, place, active, mode=self.mode)
-        if self.alpha is not None and not only_colours:
-            values = dr.gather(jit.Float, columns.alpha[term], fragment, active)
-            dr.scatter_add(self.alpha, values * share, place, active, mode=self.mode)
+        if self.alpha is not None and alpha is not None:
+            dr.scatter_add(self.alpha, alpha * share, place, active, mode=self.mode)
 
     def start(self) -> None:
         """Have the images made, without waiting for them."""
@@ -105,9 +117,17 @@ class ImageStack:
     @functools.cached_property
     def _on_host(self) -> list[np.ndarray]:
         """The blocks of all images, RGB and share of each pixel, and their alpha, if any."""
-        parts = [part for part in (self.colours, self.alpha) if part is not None]
+        return self.stored([part for part in (self.colours, self.alpha) if part is not None])
+
+    def stored(self, parts: Sequence[jit.Float]) -> list[np.ndarray]:
+        """The blocks of values that are stored as ``colours`` are, and as ``alpha`` is, if any."""
         size = self.colours.shape[0] // 4
         return [np.asarray(part).reshape(-1, BLOCK, BLOCK, len(part) // size) for part in parts]
+
+    @property
+    def block_count(self) -> int:
+        """How many blocks are stored."""
+        return self.colours.shape[0] // (4 * BLOCK**2)
 
 
 class KernelImages(NamedTuple):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import drjit as dr
 import numpy as np
@@ -39,11 +39,34 @@ MAX_COVERED = 1 << 26
 """Most subpixels, of all lens points' images of what is covered, that are kept at once."""
 
 
+class EdgeFinder(Protocol):
+    """What is told of the images of lens points while these are made, to find the edges in them."""
+
+    def begin(
+        self, coverable: np.ndarray, covering: np.ndarray, first_point: int, size: int
+    ) -> None:
+        """Images of ``size`` subpixels in all, of points from ``first_point`` on, are begun.
+
+        ``coverable`` and ``covering``, bool (N,), are the fragments that are looked for and those
+        that cover them.
+        """
+        ...
+
+    def cover(self, fragment: jit.UInt32, place: jit.UInt32, active: jit.Bool) -> None:
+        """Fragments, by their numbers among the ``covering``, cover subpixels."""
+        ...
+
+    def look(self, looking: _FromPoint, depth: jit.Float, frame: _Frame) -> None:
+        """Fragments are looked for behind what has that optical ``depth``."""
+        ...
+
+
 def visibility(
     fragments: Fragments,
     radius_per_vergence: float,
     points: np.ndarray,
     times: np.ndarray | None = None,
+    edges: EdgeFinder | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What each of the lens ``points`` sees of the fragments.
 
@@ -56,7 +79,8 @@ def visibility(
     their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
     fragments less than one step and ``SLANT_BINS`` bins behind the first surface of their subpixel
     are seen from nowhere. What is so near that it leaves the largest frame, see :func:`_frame_of`,
-    is seen from there whatever is nearer still: hardly anything of it is in the picture.
+    is seen from there whatever is nearer still: hardly anything of it is in the picture. ``edges``
+    is told of the images, if it is given.
     """
     if times is None or fragments.motion is None:
         times = np.zeros(len(points))
@@ -78,7 +102,9 @@ def visibility(
     seen = np.empty((behind.count, len(points)), dtype=np.uint8)
     for first in range(0, len(points), at_once):
         part = looks[first : first + at_once]
-        seen[:, first : first + at_once] = _seen_from(part, behind, before, covers, frame)
+        if edges is not None:
+            edges.begin(coverable, covering, first, frame.size * len(part))
+        seen[:, first : first + at_once] = _seen_from(part, behind, before, covers, frame, edges)
     gap = fragments.gap_in_front[coverable]
     least = behind.bins_per_step + SLANT_BINS
     seen[(gap > 0) & (gap < least * fragments.bin_width)] = 0
@@ -298,7 +324,13 @@ class _FromPoint(NamedTuple):
         return self.point * dr.opaque(jit.UInt32, frame.size) + row
 
 
-def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -> None:
+def _cover(
+    depth: jit.Float,
+    seen: _FromPoint,
+    covers: _Covers,
+    frame: _Frame,
+    edges: EdgeFinder | None,
+) -> None:
     """Add that of fragments to the optical ``depth`` of subpixels in which the points see them."""
     columns = covers.on_device
     own, right_end, below_end = (
@@ -319,10 +351,17 @@ def _cover(depth: jit.Float, seen: _FromPoint, covers: _Covers, frame: _Frame) -
         (place + down + 1, right & below & inside),
     ):
         dr.scatter_add(depth, own, target, active, mode=dr.ReduceMode.Direct)
+        if edges is not None:
+            edges.cover(seen.fragment, target, active)
 
 
 def _seen_from(
-    points: np.ndarray, behind: _Shifted, before: _Shifted, covers: _Covers, frame: _Frame
+    points: np.ndarray,
+    behind: _Shifted,
+    before: _Shifted,
+    covers: _Covers,
+    frame: _Frame,
+    edges: EdgeFinder | None,
 ) -> np.ndarray:
     """What each of the ``points``, (M, 3) with their times, sees of ``behind``, uint8 (N, M).
 
@@ -342,7 +381,7 @@ def _seen_from(
         nearer = before.part(range(bin_ + step - 1 + SLANT_BINS, added))
         added = bin_ + step - 1 + SLANT_BINS
         if nearer[0] < nearer[1]:
-            _cover(depth, before.from_points(nearer, on_device), covers, frame)
+            _cover(depth, before.from_points(nearer, on_device), covers, frame, edges)
         here = behind.part(range(bin_, bin_ + step))
         if here[0] < here[1]:
             looking = behind.from_points(here, on_device)
@@ -351,6 +390,8 @@ def _seen_from(
             lane = dr.arange(jit.UInt32, (here[1] - here[0]) * count)
             dr.scatter(seen, as_byte(free), lane + dr.opaque(jit.UInt32, here[0] * count))
             dr.eval(seen)
+            if edges is not None:
+                edges.look(looking, depth, frame)
             # What still refers to the optical depths makes Dr.Jit copy them all before the next
             # step adds to them.
             del free, covered

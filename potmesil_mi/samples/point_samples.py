@@ -13,7 +13,7 @@ import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .aovs import are_ids, require_aov_names, require_named
+from .attached import Attached, require_unattached, taken_from
+from .changes import Changes
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
 from .display import html_of_samples
@@ -41,34 +43,6 @@ if TYPE_CHECKING:
 CROWDED = 0.25
 """Hidden samples for each visible one from which on a scene is crowded with things that the lens
 sees past, such as hair or twigs."""
-
-
-class Changes(TypedDict, total=False):
-    """What :meth:`PointSamples.replace` can change: the fields of :class:`PointSamples`."""
-
-    x: np.ndarray
-    y: np.ndarray
-    rgb: np.ndarray
-    alpha: np.ndarray
-    z: np.ndarray
-    surface: np.ndarray
-    weight: np.ndarray
-    layer: np.ndarray | None
-    through: np.ndarray | None
-    visibility: np.ndarray | None
-    albedo: np.ndarray | None
-    normal: np.ndarray | None
-    time: np.ndarray | None
-    motion: np.ndarray | None
-    aovs: np.ndarray | None
-    aov_names: Sequence[str]
-    visibility_radius: Sequence[float] | None
-    camera: Camera
-    lens: ThinLens | TelecentricLens
-    surfaces: Mapping[int, str]
-    lattice: int
-    window: Window | None
-    provenance: Provenance
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -148,8 +122,12 @@ class PointSamples(Columns):
     visibility_radius: Sequence[float] | None = None
     provenance: Provenance = dataclasses.field(default_factory=dict)
     aov_names: Sequence[str] = ()
+    _attached: Mapping[str, Attached] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        given = taken_from({f.name: getattr(self, f.name) for f in self.present()})
+        for name, (_, column) in given.items():
+            object.__setattr__(self, name, column)
         require_whole("lattice", self.lattice, 0, 1 << 16)
         known = self.visibility is not None
         require_beside_columns(self.surfaces, self.visibility_radius, known)
@@ -161,10 +139,15 @@ class PointSamples(Columns):
         names = require_aov_names(self.aov_names)
         require_named(self.aov_names, self.aovs)
         object.__setattr__(self, "aov_names", names)
+        attached = {name: of for name, of in self._attached.items() if name not in given}
+        for name, (values, _) in given.items():
+            attached[name] = Attached(values, getattr(self, name))
+        object.__setattr__(self, "_attached", attached)
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
             for field in self.present():
                 object.__setattr__(self, field.name, getattr(self, field.name)[valid])
+            object.__setattr__(self, "_attached", self._attached_of(valid, attached))
             warnings.warn(
                 f"dropped {count - len(self)} of {count} samples: radiance, alpha, position or "
                 "weight not finite, depth or weight not > 0, through not finite or < 0, albedo not "
@@ -235,6 +218,24 @@ class PointSamples(Columns):
         said = depth_kind, near, far, clip, reverse, background, depth_scale, antialiased, hidden
         described = Described(camera, lens, surface, surfaces, layer, depth_channel, *said)
         return cls(**fields_of(rgb, depth, described))
+
+    @property
+    def attached(self) -> dict[str, Any]:
+        """The Dr.Jit arrays of the columns that have gradients, by name."""
+        own = self._attached.items()
+        return {name: of.values for name, of in own if of.column is getattr(self, name)}
+
+    def _attached_of(
+        self, which: np.ndarray | slice, attached: Mapping[str, Attached]
+    ) -> dict[str, Attached]:
+        return {name: of.chosen(which, getattr(self, name)) for name, of in attached.items()}
+
+    def chosen(self, which: np.ndarray | slice) -> PointSamples:
+        """The samples that ``which`` has, see :meth:`Columns.chosen`; they keep gradients."""
+        chosen = super().chosen(which)
+        attached = {name: self._attached[name] for name in self.attached}
+        object.__setattr__(chosen, "_attached", chosen._attached_of(which, attached))
+        return chosen
 
     @property
     def crop_window(self) -> Window:
@@ -382,6 +383,7 @@ class PointSamples(Columns):
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         lens = self.lens if lens is None else lens
+        require_unattached(self, "merge")
         require_mergeable(self.camera, lens, tolerance)
         if self.lattice > 0:
             return self
@@ -406,6 +408,7 @@ class PointSamples(Columns):
         """
         from .denoising import denoised_radiance, denoiser_name
 
+        require_unattached(self, "denoised")
         rgb = denoised_radiance(self, self.window)
         return self.replace(rgb=rgb, provenance={**self.provenance, "denoised": denoiser_name()})
 

@@ -1,0 +1,86 @@
+"""Columns of samples with gradients: Dr.Jit arrays beside the plain columns of the same numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _backend as jit
+from .._validation import shown
+from ..optics.arithmetic import is_drjit
+
+if TYPE_CHECKING:
+    from .point_samples import PointSamples
+
+WITH_GRADIENTS = ("rgb", "alpha", "z", "weight")
+"""The columns in which a picture is differentiable."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Attached:
+    """A column that has gradients.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``values``                    its Dr.Jit array, (N,), or of RGB (3 N,)
+    ``column``                    its numbers, as the samples have them
+    ============================  ==========================================================
+    """
+
+    values: Any
+    column: np.ndarray
+
+    def chosen(self, which: np.ndarray | slice, column: np.ndarray) -> Attached:
+        """The samples that ``which`` has, whose column is given."""
+        import drjit as dr
+
+        index = np.arange(len(self.column))[which]
+        channels = self.column.size // len(self.column)
+        index = (index[:, None] * channels + np.arange(channels)).ravel()
+        return Attached(
+            dr.gather(jit.Float, self.values, jit.from_numpy(jit.UInt32, index)), column
+        )
+
+
+def taken_from(columns: Mapping[str, Any]) -> dict[str, tuple[Any, np.ndarray]]:
+    """Of some columns those with gradients: their arrays, and their numbers as NumPy has them.
+
+    Raises ``TypeError`` for gradients of a column, or of a type, of which there are none.
+    """
+    found = {}
+    for name, column in columns.items():
+        if not is_drjit(column):
+            continue
+        import drjit as dr
+
+        if not dr.grad_enabled(column):
+            continue
+        if name not in WITH_GRADIENTS:
+            raise TypeError(
+                f"{name}={shown(column)}: has gradients enabled, but pictures have derivatives in "
+                f"{', '.join(WITH_GRADIENTS)} only; detach it, as by dr.detach"
+            )
+        values = column.array if dr.is_tensor_v(column) else dr.ravel(column)
+        if not isinstance(values, jit.Float):
+            raise TypeError(
+                f"{name}={shown(column)}: must be an array of {jit.Float.__module__}, which "
+                "mi.variant() has, to have gradients"
+            )
+        plain = np.array(dr.detach(column))
+        # Dr.Jit's vectors have their channels first.
+        is_vector = plain.ndim == 2 and not dr.is_tensor_v(column)
+        found[name] = values, plain.T if is_vector else plain
+    return found
+
+
+def require_unattached(samples: PointSamples, what: str) -> None:
+    """Raise ``NotImplementedError`` that says ``what`` has no derivatives, where some are asked."""
+    for name in samples.attached:
+        raise NotImplementedError(
+            f"{name}: has gradients enabled, but {what} has no derivatives; do that first, and "
+            "attach the gradients to what it returns"
+        )
