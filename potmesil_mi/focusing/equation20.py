@@ -74,14 +74,11 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     whole = samples.window.subdivided(exposure.subpixels)
     farthest = whole.width + exposure.crop.width, whole.height + exposure.crop.height
     inverse_square = inverse_square and not exposure.telecentric
-    # The depth of an orthographic camera is affine in 1/z of what stands for its samples.
-    with np.errstate(divide="ignore"):
-        depths = 1 / samples.z if exposure.telecentric else samples.z
-    if not exposure.telecentric:
-        last = exposure.blur.radius_per_vergence / AS_IF_INFINITE or samples.z.min() / NEAREST
-        depths = np.where(depths > last, np.float32(np.inf), depths)
-    finite = depths[np.isfinite(depths)]
-    stack = _TableStack.of(np.maximum(depths, NEAREST * finite.max(initial=0)), tables)
+    depths = _depths(exposure)
+    ends = TableEnds.of(exposure) if exposure.whole is None else exposure.whole.tables
+    assert ends is not None
+    depths = np.where(depths > ends.last, np.float32(np.inf), depths)
+    stack = _TableStack.of(np.maximum(depths, ends.nearest), ends, tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if exposure.alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
@@ -124,6 +121,37 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     )
     weights = np.ones_like(light) if samples.lattice else np.maximum(light, 0)
     return np.where(lit[..., None], np.clip(q, least, most), 0), np.where(lit, weights, 0)
+
+
+def _depths(exposure: Exposure) -> np.ndarray:
+    """The depths of samples that steps between tables are equal in, float32 (N,).
+
+    The depth of an orthographic camera is affine in 1/z of what stands for its samples.
+    """
+    z = exposure.samples.z
+    with np.errstate(divide="ignore"):
+        return 1 / z if exposure.telecentric else z
+
+
+class TableEnds(NamedTuple):
+    """Depths of the first and the last table, and up to which samples are not at infinity."""
+
+    nearest: np.float32
+    farthest: np.float32
+    last: float
+
+    @classmethod
+    def of(cls, exposure: Exposure) -> TableEnds:
+        """Those of all samples of a picture, which the pinhole sees and which do not move."""
+        depths, last = _depths(exposure), math.inf
+        if not exposure.telecentric:
+            radius = exposure.blur.radius_per_vergence
+            last = radius / AS_IF_INFINITE or float(depths.min()) / NEAREST
+        finite = depths[np.isfinite(depths) & (depths <= last)]
+        if len(finite) == 0:
+            return cls(np.float32(0), np.float32(0), last)
+        farthest = finite.max()
+        return cls(np.maximum(finite.min(), NEAREST * farthest), farthest, last)
 
 
 class PositionClasses(NamedTuple):
@@ -178,11 +206,9 @@ class _TableStack:
     nearer: np.ndarray
 
     @classmethod
-    def of(cls, z: np.ndarray, tables: int) -> _TableStack:
+    def of(cls, z: np.ndarray, ends: TableEnds, tables: int) -> _TableStack:
         finite = np.isfinite(z)
-        nearest, farthest = 1.0, 1.0
-        if finite.any():
-            nearest, farthest = float(z.min()), float(z[finite].max())
+        nearest, farthest = float(ends.nearest) or 1.0, float(ends.farthest) or 1.0
         spacing = max(farthest - nearest, np.finfo(np.float32).tiny) / (tables - 1)
         nearer = np.full(len(z), tables, dtype=np.int16)
         nearer[finite] = np.minimum((z[finite] - nearest) / spacing, tables - 2)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 from ..optics.blur import Blur
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+
+if TYPE_CHECKING:
+    from .whole import Whole
 
 FINE_SUBPIXELS = 4
 """Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
@@ -31,6 +35,8 @@ class Exposure:
                                   does not fall off, and 1/z is what steps of depth are equal in
     ``degree``                    up to which the film asks for moments: where in a subpixel light
                                   is, see :mod:`potmesil_mi.focusing.moments`
+    ``whole``                     what the picture is that the exposure is of a tile of; ``None``
+                                  where it is the picture itself
     ============================  ==========================================================
     """
 
@@ -41,6 +47,7 @@ class Exposure:
     alpha: bool
     telecentric: bool = False
     degree: int = 0
+    whole: Whole | None = None
 
     @property
     def blur(self) -> Blur:

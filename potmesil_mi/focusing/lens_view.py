@@ -9,16 +9,18 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import _backend as jit
+from ..samples.raster import Window
 from .detail import Detail
 from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments, as_column
 from .highlight_visibility import Jitter, visibility_of_highlights
-from .highlights import is_highlight, parted
+from .highlights import HighlightLimits, is_highlight, parted
 from .lens_points import LensPoints
-from .visibility import visibility
+from .visibility import SightLimits, visibility
 
 COARSER_PARTS = 3
 """Parts of a coarser view that are made before the whole is."""
@@ -87,6 +89,12 @@ class Occluded:
         part = self.fragments.between(bins.start, bins.stop)
         return Occluded(self.fragments.chosen(part), self.seen[part], self.points, self.times)
 
+    def chosen(self, which: np.ndarray) -> Occluded:
+        """Those of which ``which``, bool (N,), is true."""
+        fragments = self.fragments.chosen(which)
+        jitter = None if self.jitter is None else Jitter(fragments, self.jitter.cell)
+        return Occluded(fragments, self.seen[which], self.points, self.times, jitter)
+
     @functools.cached_property
     def reach(self) -> float:
         """How far from the middle of a circle, in its radii, its lens points are at most."""
@@ -114,6 +122,13 @@ class Occluded:
             v,
             None if self.times is None else as_column(self.times),
         )
+
+
+class ViewLimits(NamedTuple):
+    """What the view of a tile takes from the whole picture."""
+
+    sight: SightLimits
+    highlights: HighlightLimits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,6 +160,7 @@ class LensView:
         single_points: bool = True,
         located: Callable[[Fragments], Fragments] = lambda highlights: highlights,
         seen_of_known: np.ndarray | None = None,
+        limits: ViewLimits | None = None,
     ) -> LensView:
         """The view of ``fragments`` from the ``lens_points``.
 
@@ -152,12 +168,12 @@ class LensView:
         Without ``single_points`` only fragments that are seen in part can be highlights.
         ``located`` gives highlights their offsets. ``seen_of_known``, uint8 (n, M), is what the
         points see of fragments of which that is known: a row for each number in their ``known``.
+        ``limits`` are those of the picture that they are a tile of, if they are.
         """
-        covers = fragments
-        if fragments.known is not None:
-            covers = fragments.chosen(fragments.known < 0)
+        covers = covers_of(fragments)
         points, times = lens_points.points, lens_points.times
-        coverable, seen = visibility(covers, radius_per_vergence, points, times)
+        sight, bright_ones = (None, None) if limits is None else limits
+        coverable, seen = visibility(covers, radius_per_vergence, points, times, sight)
         # The pinhole does see its samples: without a trace of them there might be black holes.
         first = covers.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
@@ -168,7 +184,7 @@ class LensView:
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
-        bright = is_highlight(fragments) & ((unoccluded & single_points) | occluded)
+        bright = is_highlight(fragments, bright_ones) & ((unoccluded & single_points) | occluded)
         if fragments.known is not None:
             bright &= fragments.known < 0
         fragments, highlights = parted(fragments, bright)
@@ -194,6 +210,18 @@ class LensView:
                 Jitter(chosen, lens_points.cell),
             ),
         )
+
+    def within(self, window: Window) -> LensView:
+        """The view of what is in a ``window``, in subpixels of the fragments' own."""
+
+        def inside(fragments: Fragments) -> np.ndarray:
+            return window.contains(fragments.x, fragments.y)
+
+        unoccluded = self.unoccluded.chosen(inside(self.unoccluded))
+        occluded, highlights = (
+            of.chosen(inside(of.fragments)) for of in (self.occluded, self.highlights)
+        )
+        return LensView(unoccluded, occluded, highlights)
 
     def between(self, bins: range) -> LensView:
         """The view of some ``bins``, with all highlights."""
@@ -272,6 +300,11 @@ class ViewPyramid:
         parts[bins] = self.finest.between(bins).coarser(factor)
         return parts[bins]
 
+    def within(self, window: Window) -> ViewPyramid:
+        """The pyramid of what is in a ``window``, in subpixels of the finest view's own."""
+        finest = self.finest.within(window)
+        return ViewPyramid(finest, self.density, self.moments, self.detail)
+
     @property
     def nbytes(self) -> int:
         """Memory in bytes: the columns of all levels, each on the host and on the device."""
@@ -283,6 +316,18 @@ class ViewPyramid:
             of.nbytes for of in (self.density, self.moments, self.detail) if of is not None
         )
         return 2 * (self.finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
+
+
+def covers_of(fragments: Fragments) -> Fragments:
+    """The fragments that may hide others, and of which what lens points see is inferred."""
+    return fragments if fragments.known is None else fragments.chosen(fragments.known < 0)
+
+
+def as_lit(fragments: Fragments, lens_points: LensPoints) -> Fragments:
+    """The fragments that have light, as bright as a :class:`LensView` has them."""
+    if fragments.known is not None:
+        fragments = fragments.chosen(fragments.known != COVERS)
+    return _inside_rim(fragments, lens_points)[1] if lens_points.has_rim else fragments
 
 
 def _with_known(
@@ -311,10 +356,9 @@ def _within_rim(
 ) -> tuple[np.ndarray, np.ndarray, Fragments]:
     """What lens points see of all fragments where the rim of the lens lets through a part only.
 
-    That part becomes brighter: what the rim takes changes shapes and not the exposure.
+    That part becomes brighter.
     """
-    inside = lens_points.inside_rim(fragments, lens_points.points)
-    inside[~inside.any(axis=1), 0] = True
+    inside, brighter = _inside_rim(fragments, lens_points)
     count = len(lens_points.points)
     seen_of_all = np.full((len(fragments), count), 255, dtype=np.uint8)
     seen_of_all[coverable] = seen
@@ -322,4 +366,14 @@ def _within_rim(
     unseen = ~seen_of_all.any(axis=1) & fragments.first
     seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
     every_one = np.ones(len(fragments), dtype=bool)
-    return every_one, seen_of_all, fragments.scaled(count / inside.sum(axis=1))
+    return every_one, seen_of_all, brighter
+
+
+def _inside_rim(fragments: Fragments, lens_points: LensPoints) -> tuple[np.ndarray, Fragments]:
+    """What the rim lets through to each lens point, bool (N, M), and the fragments, brighter.
+
+    What the rim takes changes shapes and not the exposure.
+    """
+    inside = lens_points.inside_rim(fragments, lens_points.points)
+    inside[~inside.any(axis=1), 0] = True
+    return inside, fragments.scaled(len(lens_points.points) / inside.sum(axis=1))
