@@ -67,8 +67,8 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     the light that reaches it before its fall-off. A subpixel that no light reaches is 0 and counts
     nothing.
     """
-    samples = samples_along_paths(exposure.samples.visible())
-    exposure = dataclasses.replace(exposure, samples=samples)
+    exposure = as_seen(exposure)
+    samples = exposure.samples
     classes = PositionClasses.of(exposure)
     # As far as a sample can be from a subpixel of the crop window.
     whole = samples.window.subdivided(exposure.subpixels)
@@ -123,6 +123,11 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     return np.where(lit[..., None], np.clip(q, least, most), 0), np.where(lit, weights, 0)
 
 
+def as_seen(exposure: Exposure) -> Exposure:
+    """The exposure of what the pinhole sees, along the paths of what moves."""
+    return dataclasses.replace(exposure, samples=samples_along_paths(exposure.samples.visible()))
+
+
 def _depths(exposure: Exposure) -> np.ndarray:
     """The depths of samples that steps between tables are equal in, float32 (N,).
 
@@ -142,7 +147,7 @@ class TableEnds(NamedTuple):
 
     @classmethod
     def of(cls, exposure: Exposure) -> TableEnds:
-        """Those of all samples of a picture, which the pinhole sees and which do not move."""
+        """Those of all samples of an exposure, :func:`as_seen`."""
         depths, last = _depths(exposure), math.inf
         if not exposure.telecentric:
             radius = exposure.blur.radius_per_vergence

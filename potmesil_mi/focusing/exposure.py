@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..optics.blur import Blur
 from ..optics.lens import ThinLens
@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 FINE_SUBPIXELS = 4
 """Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
+
+
+class Visibility(NamedTuple):
+    """From how many points of the lens visibility is found, and whether of exactly that lens.
+
+    Otherwise that of a lens with a similar aperture will do.
+    """
+
+    lens_points: int
+    exact: bool
 
 
 @dataclasses.dataclass(frozen=True)

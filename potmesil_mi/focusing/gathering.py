@@ -177,7 +177,7 @@ def gather_with_known(
         found, detail = _gather(samples, subpixels, alpha, terms, bins, None, whole)
         return Gathered(found, None, detail)
     samples = one_subpixel_each(samples, subpixels)
-    known, depth = np.asarray(samples.visibility) != 0, _depth_of_covers(samples)
+    known, depth = np.asarray(samples.visibility) != 0, depth_of_covers(samples)
     fragments, detail, seen = _gathered_known(
         samples, np.flatnonzero(known), subpixels, bins, alpha, terms, whole
     )
@@ -205,10 +205,10 @@ def bins_of(samples: PointSamples, radius_per_vergence: float) -> Bins:
     """The bins in which :func:`gather_with_known` gathers samples, by default."""
     if not has_known(samples):
         return Bins.of(samples.z, radius_per_vergence)
-    return Bins.of(samples.z, radius_per_vergence, _depth_of_covers(samples))
+    return Bins.of(samples.z, radius_per_vergence, depth_of_covers(samples))
 
 
-def _depth_of_covers(samples: PointSamples) -> np.ndarray:
+def depth_of_covers(samples: PointSamples) -> np.ndarray:
     """The depth at which samples cover others: that of the mirror or pane of what one shows."""
     if samples.through is None:
         return samples.z

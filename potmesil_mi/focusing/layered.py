@@ -13,12 +13,12 @@ from .._progress import track
 from ..samples.raster import Window
 from .composite import Compositor, SpreadSlice
 from .convolve import spread
-from .exposure import Exposure
+from .exposure import Exposure, Visibility
 from .film import FinePicture
 from .memo import Memo
 from .slices import DepthSlice, plan
 from .splat import SliceImages, splat
-from .viewing import Viewing, Visibility
+from .viewing import Viewing
 
 
 def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
@@ -30,7 +30,7 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     viewing = Viewing(exposure, memo, how)
     exposure, views, whole = viewing.exposure, viewing.pyramid(), exposure.whole
     if whole is not None:
-        views = views.within(exposure.crop.grown(whole.light))
+        views = views.within(exposure.crop.grown(whole.light), whole.single)
     channels = views.finest.unoccluded.values.shape[1]
     groups = plan(
         views,

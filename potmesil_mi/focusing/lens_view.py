@@ -144,12 +144,15 @@ class LensView:
                                   both kinds exceed what is beside them: they show the shape of
                                   the lens and how it is cut, are looked at from more points,
                                   and are the same in all coarser views
+    ``single``                    the limits of single points, of the picture that the view is of
+                                  a tile of; ``None`` where it is of a picture itself
     ============================  ==========================================================
     """
 
     unoccluded: Fragments
     occluded: Occluded
     highlights: Occluded
+    single: HighlightLimits | None = None
 
     @classmethod
     def of(
@@ -211,8 +214,11 @@ class LensView:
             ),
         )
 
-    def within(self, window: Window) -> LensView:
-        """The view of what is in a ``window``, in subpixels of the fragments' own."""
+    def within(self, window: Window, single: HighlightLimits | None = None) -> LensView:
+        """The view of what is in a ``window``, in subpixels of the fragments' own.
+
+        ``single`` are the limits of single points, of all of the picture.
+        """
 
         def inside(fragments: Fragments) -> np.ndarray:
             return window.contains(fragments.x, fragments.y)
@@ -221,7 +227,7 @@ class LensView:
         occluded, highlights = (
             of.chosen(inside(of.fragments)) for of in (self.occluded, self.highlights)
         )
-        return LensView(unoccluded, occluded, highlights)
+        return LensView(unoccluded, occluded, highlights, single)
 
     def between(self, bins: range) -> LensView:
         """The view of some ``bins``, with all highlights."""
@@ -259,7 +265,7 @@ class LensView:
         """Index, (n,), of unoccluded fragments so bright that their place in a subpixel shows."""
         if self.unoccluded.offset is None:
             return np.empty(0, dtype=np.int64)
-        return np.flatnonzero(is_highlight(self.unoccluded))
+        return np.flatnonzero(is_highlight(self.unoccluded, self.single))
 
 
 class ViewPyramid:
@@ -300,9 +306,9 @@ class ViewPyramid:
         parts[bins] = self.finest.between(bins).coarser(factor)
         return parts[bins]
 
-    def within(self, window: Window) -> ViewPyramid:
-        """The pyramid of what is in a ``window``, in subpixels of the finest view's own."""
-        finest = self.finest.within(window)
+    def within(self, window: Window, single: HighlightLimits | None) -> ViewPyramid:
+        """The pyramid of what is in a ``window``, see :meth:`LensView.within`."""
+        finest = self.finest.within(window, single)
         return ViewPyramid(finest, self.density, self.moments, self.detail)
 
     @property

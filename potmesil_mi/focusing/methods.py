@@ -18,7 +18,7 @@ from .._validation import require_flag, require_whole
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
-from .exposure import FINE_SUBPIXELS, Exposure
+from .exposure import FINE_SUBPIXELS, Exposure, Visibility
 from .memo import Memo
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Method(Spec, family="method"):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Visible(Method):
+class VisibleMethod(Method):
     """Methods that know what hides what."""
 
     lens_points: int | None = None
@@ -110,11 +110,15 @@ class _Visible(Method):
         """See :meth:`Method.form`."""
         from . import layered
 
+        return layered.form(exposure, memo, self.visibility(exposure))
+
+    def visibility(self, exposure: Exposure) -> Visibility:
+        """How visibility is found for an ``exposure``."""
         points = self.lens_points
         if points is None:
             least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
             points = max(self.points_for(exposure.samples), least)
-        return layered.form(exposure, memo, layered.Visibility(points, self.exact))
+        return Visibility(points, self.exact)
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
@@ -133,7 +137,7 @@ class _Visible(Method):
 
 
 @dataclasses.dataclass(frozen=True)
-class Layered(_Visible):
+class Layered(VisibleMethod):
     """What is visible through the lens, formed quickly.
 
     ============================  ==========================================================
@@ -173,7 +177,7 @@ def _worth_a_close_look(samples: PointSamples) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class LightField(_Visible):
+class LightField(VisibleMethod):
     """What is visible through the lens, with more lens points on a finer raster: to be trusted.
 
     ============================  ==========================================================

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -39,7 +39,7 @@ from .traps import warn_of_traps
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
 
-_forming = threading.RLock()
+forming = threading.RLock()
 """Held while a picture is formed: what is kept is for one thread at a time."""
 
 _making_memos = threading.Lock()
@@ -136,7 +136,67 @@ def memo_of(samples: PointSamples) -> Memo:
         return _memos.setdefault(samples, Memo())
 
 
-def form_picture(
+class Asked(NamedTuple):
+    """What a picture is formed by, after everything that is given has been checked.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``lens``                      a thin lens of plain numbers, in the samples' units
+    ``picture_of``                of which samples it forms the picture of a telecentric one
+    ``channels``                  point-spread functions: of all colours, or of R, G and B
+    ``method``, ``subpixels``     how the picture is formed, and on how many on a side of a pixel
+    ``rfilter``, ``alpha``        as ``potmesil_mi.focus`` has them
+    ``filters``                   special effects
+    ============================  ==========================================================
+    """
+
+    lens: ThinLens
+    picture_of: ThinLensPicture | None
+    channels: Sequence[PointSpreadFunction]
+    method: Method
+    subpixels: int
+    rfilter: ReconstructionFilter | None
+    alpha: bool
+    filters: tuple[FilterFunction, ...]
+
+    def seen(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
+        """The samples that the lens is before, and the memo of these, which ``memo`` keeps."""
+        return (samples, memo) if self.picture_of is None else changed(samples, self.picture_of, memo)
+
+    def exposures(self, samples: PointSamples) -> list[Exposure]:
+        """The exposure of each channel, of all or a part of the samples that are :meth:`seen`."""
+        degree = degree_of(self.rfilter, self.subpixels)
+        is_telecentric = self.picture_of is not None
+        return [
+            Exposure(samples, self.lens, each, self.subpixels, self.alpha, is_telecentric, degree)
+            for each in self.channels
+        ]
+
+    def formed(self, exposures: Sequence[Exposure], memos: Sequence[Memo]) -> np.ndarray:
+        """The picture of the exposure of each channel, with its memo; without special effects."""
+        pictures = [
+            reconstruct(
+                FinePicture(*self.method.form(exposure, memo)), self.subpixels, self.rfilter
+            )
+            for exposure, memo in zip(exposures, memos, strict=True)
+        ]
+        if len(pictures) == 1:
+            return pictures[0]
+        parts = (*pictures, pictures[1])[: pictures[0].shape[-1]]  # Alpha is that of green.
+        return np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
+
+    def filtered(self, picture: np.ndarray, samples: PointSamples) -> jit.TensorXf:
+        """The picture, of the samples that are :meth:`seen`, with its special effects."""
+        if self.filters:
+            # The field of view is the samples', and so is the film's width.
+            pixels_per_mm = samples.camera.focal_length_pixels / self.lens.film_distance
+            frame = self.lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
+            picture = apply_filters(picture, self.filters, frame, pixels_per_mm)
+        return jit.TensorXf(picture.astype(np.float32, copy=False))
+
+
+def asked(
     samples: PointSamples,
     lens: ThinLens | TelecentricLens | None,
     method: Method,
@@ -145,8 +205,8 @@ def form_picture(
     rfilter: ReconstructionFilter | None,
     alpha: bool,
     filters: Sequence[FilterFunction | str],
-) -> jit.TensorXf:
-    """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
+) -> Asked:
+    """What is asked for, checked, and warned of; parameters are those of ``potmesil_mi.focus``."""
     if jit.variant() is not None:  # None: the first backend that works is taken
         jit.require_vectorised_variant("focus")
     given_lens, given = lens, _plain(samples.lens if lens is None else lens)
@@ -168,39 +228,38 @@ def form_picture(
     subpixels = method.squares
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
-    _require_memory(samples, method, subpixels)
-    warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=3)
+    warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=4)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
         _require_hashable(channel)
-    with _forming:
+    flag = bool(alpha)
+    return Asked(lens, picture_of, channels, method, subpixels, rfilter, flag, filters)
+
+
+def form_picture(
+    samples: PointSamples,
+    lens: ThinLens | TelecentricLens | None,
+    method: Method,
+    memo: Memo,
+    psf: PointSpreadFunction | None,
+    rfilter: ReconstructionFilter | None,
+    alpha: bool,
+    filters: Sequence[FilterFunction | str],
+) -> jit.TensorXf:
+    """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
+    wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters)
+    require_memory_for(samples, method, wanted.subpixels)
+    with forming:
         owned = memo
-        if picture_of is not None:
-            samples, memo = changed(samples, picture_of, memo)
-        degree = degree_of(rfilter, subpixels)
-        exposures = [
-            Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None, degree)
-            for each in channels
-        ]
-        pictures = [
-            reconstruct(FinePicture(*method.form(exposure, memo)), subpixels, rfilter)
-            for exposure in exposures
-        ]
-        picture = pictures[0]
-        if len(pictures) == 3:  # Alpha is that of green.
-            parts = (*pictures, pictures[1])[: picture.shape[-1]]
-            picture = np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
-        if filters:
-            # The field of view is the samples', and so is the film's width.
-            pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
-            frame = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
-            picture = apply_filters(picture, filters, frame, pixels_per_mm)
+        samples, memo = wanted.seen(samples, owned)
+        exposures = wanted.exposures(samples)
+        picture = wanted.formed(exposures, [memo] * len(exposures))
         for grown in (memo, owned):
             grown.trim()
-        return jit.TensorXf(picture.astype(np.float32, copy=False))
+        return wanted.filtered(picture, samples)
 
 
-def _require_memory(samples: PointSamples, method: Method, subpixels: int) -> None:
+def require_memory_for(samples: PointSamples, method: Method, subpixels: int) -> None:
     """Raise ``MemoryError`` where the picture takes more than there is."""
     window = samples.window
     require_memory(

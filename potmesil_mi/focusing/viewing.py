@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
 
 import drjit as dr
 
@@ -19,7 +18,7 @@ from ..optics.psf import aperture_behind
 from ..samples.point_samples import PointSamples
 from .density import Evened, evened
 from .detail import detail_degree
-from .exposure import FINE_SUBPIXELS, Exposure
+from .exposure import FINE_SUBPIXELS, Exposure, Visibility
 from .exposure_view import view_of_exposure
 from .fragments import Fragments
 from .gathering import gather_with_known, with_offsets
@@ -49,16 +48,6 @@ pixels."""
 MOST_KEPT = 1 << 22
 """Subpixels up to which Dr.Jit keeps the memory by which samples were gathered for the next ones:
 of larger pictures the fragments need it."""
-
-
-class Visibility(NamedTuple):
-    """From how many points of the lens visibility is found, and whether of exactly that lens.
-
-    Otherwise that of a lens with a similar aperture will do.
-    """
-
-    lens_points: int
-    exact: bool
 
 
 class Viewing:

@@ -10,6 +10,7 @@ import dataclasses
 
 from ..samples.raster import Window
 from .equation20 import TableEnds
+from .highlights import HighlightLimits
 from .lens_view import ViewLimits
 from .locating import Bins
 from .view_counts import ViewCounts
@@ -28,12 +29,13 @@ class Whole:
     ``alignment``                 tiles begin at multiples of so many pixels of the window, in
                                   which they have the coarser pixels of the whole
     ``tables``                    of equation 20: where its tables end; ``None`` for others
-    ``bins``                      the bins of vergence
+    ``bins``, ``bin_count``       the bins of vergence, and how many there are
     ``is_even``                   whether there are as many samples everywhere
     ``has_known``                 whether the visibility of some is known
     ``detail_degree``             of the moments that tell the detail of fragments
     ``limits``                    what its fragments say of the view; found from all tiles
     ``counts``                    what its view has of fragments; found from all tiles then
+    ``single``                    the limits of its single points, where it has any
     ============================  ==========================================================
     """
 
@@ -43,8 +45,10 @@ class Whole:
     alignment: int = 1
     tables: TableEnds | None = None
     bins: Bins | None = None
+    bin_count: int = 0
     is_even: bool = False
     has_known: bool = False
     detail_degree: int = 0
     limits: ViewLimits | None = None
     counts: ViewCounts | None = None
+    single: HighlightLimits | None = None
