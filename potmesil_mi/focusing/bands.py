@@ -65,8 +65,9 @@ class Band:
 def bands(counts: np.ndarray, bins: Bins, blur: Blur, kept_radius: float) -> Iterator[Band]:
     """The bands that have fragments, from the nearest.
 
-    ``counts``, (B,), tell how many fragments each of the ``bins`` has. Around each of the ``SLICE_RADII`` they are parted where there are the fewest fragments: between
-    surfaces rather than within one.
+    ``counts``, (B,), tell how many fragments each of the ``bins`` has. Around each of the
+    ``SLICE_RADII`` they are parted where there are the fewest fragments: between surfaces rather
+    than within one.
     """
     if blur.radius_per_vergence == 0:
         yield Band(0, len(counts), 0.0, 0.0, 1.0, 1, 1)

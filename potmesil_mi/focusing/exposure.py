@@ -47,6 +47,8 @@ class Exposure:
                                   is, see :mod:`potmesil_mi.focusing.moments`
     ``whole``                     what the picture is that the exposure is of a tile of; ``None``
                                   where it is the picture itself
+    ``lit``                       of a tile: from which subpixels of the samples' window light may
+                                  be in it
     ============================  ==========================================================
     """
 
@@ -58,6 +60,7 @@ class Exposure:
     telecentric: bool = False
     degree: int = 0
     whole: Whole | None = None
+    lit: Window | None = None
 
     @property
     def blur(self) -> Blur:

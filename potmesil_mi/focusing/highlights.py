@@ -72,7 +72,9 @@ class Peaks(NamedTuple):
         shape, subpixel, first, peak = self
         picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
         around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
-        least = HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel]) if limits is None else limits.least
+        least = (
+            HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel]) if limits is None else limits.least
+        )
         bright = peak > least
         stands_out = np.zeros(shape, dtype=bool)
         contrasts = peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel]

@@ -27,10 +27,10 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     Subpixels that no light reaches are 0. What each counts in its pixel is how densely it was
     sampled, 1 on the average.
     """
-    viewing = Viewing(exposure, memo, how)
-    exposure, views, whole = viewing.exposure, viewing.pyramid(), exposure.whole
+    viewing, whole = Viewing(exposure, memo, how), exposure.whole
+    exposure, views = viewing.exposure, viewing.pyramid()
     if whole is not None:
-        views = views.within(exposure.crop.grown(whole.light), whole.single)
+        views = views.of_tile(whole.single)
     channels = views.finest.unoccluded.values.shape[1]
     groups = plan(
         views,

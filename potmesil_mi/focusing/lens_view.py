@@ -89,12 +89,6 @@ class Occluded:
         part = self.fragments.between(bins.start, bins.stop)
         return Occluded(self.fragments.chosen(part), self.seen[part], self.points, self.times)
 
-    def chosen(self, which: np.ndarray) -> Occluded:
-        """Those of which ``which``, bool (N,), is true."""
-        fragments = self.fragments.chosen(which)
-        jitter = None if self.jitter is None else Jitter(fragments, self.jitter.cell)
-        return Occluded(fragments, self.seen[which], self.points, self.times, jitter)
-
     @functools.cached_property
     def reach(self) -> float:
         """How far from the middle of a circle, in its radii, its lens points are at most."""
@@ -164,6 +158,7 @@ class LensView:
         located: Callable[[Fragments], Fragments] = lambda highlights: highlights,
         seen_of_known: np.ndarray | None = None,
         limits: ViewLimits | None = None,
+        lit: Window | None = None,
     ) -> LensView:
         """The view of ``fragments`` from the ``lens_points``.
 
@@ -171,12 +166,13 @@ class LensView:
         Without ``single_points`` only fragments that are seen in part can be highlights.
         ``located`` gives highlights their offsets. ``seen_of_known``, uint8 (n, M), is what the
         points see of fragments of which that is known: a row for each number in their ``known``.
-        ``limits`` are those of the picture that they are a tile of, if they are.
+        ``limits`` are those of the picture that they are a tile of, if they are, and the view then
+        is of the fragments that are ``lit``.
         """
         covers = covers_of(fragments)
         points, times = lens_points.points, lens_points.times
         sight, bright_ones = (None, None) if limits is None else limits
-        coverable, seen = visibility(covers, radius_per_vergence, points, times, sight)
+        coverable, seen = visibility(covers, radius_per_vergence, points, times, sight, lit)
         # The pinhole does see its samples: without a trace of them there might be black holes.
         first = covers.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
@@ -191,6 +187,10 @@ class LensView:
         if fragments.known is not None:
             bright &= fragments.known < 0
         fragments, highlights = parted(fragments, bright)
+        if lit is not None:
+            highlights = highlights.chosen(lit.contains(highlights.x, highlights.y))
+            unoccluded &= lit.contains(fragments.x, fragments.y)
+            occluded &= lit.contains(fragments.x, fragments.y)
         chosen, more = located(highlights), lens_points.highlight_points
         seen_of_chosen = visibility_of_highlights(
             covers, chosen, radius_per_vergence, more, lens_points.cell
@@ -213,21 +213,6 @@ class LensView:
                 Jitter(chosen, lens_points.cell),
             ),
         )
-
-    def within(self, window: Window, single: HighlightLimits | None = None) -> LensView:
-        """The view of what is in a ``window``, in subpixels of the fragments' own.
-
-        ``single`` are the limits of single points, of all of the picture.
-        """
-
-        def inside(fragments: Fragments) -> np.ndarray:
-            return window.contains(fragments.x, fragments.y)
-
-        unoccluded = self.unoccluded.chosen(inside(self.unoccluded))
-        occluded, highlights = (
-            of.chosen(inside(of.fragments)) for of in (self.occluded, self.highlights)
-        )
-        return LensView(unoccluded, occluded, highlights, single)
 
     def between(self, bins: range) -> LensView:
         """The view of some ``bins``, with all highlights."""
@@ -306,9 +291,9 @@ class ViewPyramid:
         parts[bins] = self.finest.between(bins).coarser(factor)
         return parts[bins]
 
-    def within(self, window: Window, single: HighlightLimits | None) -> ViewPyramid:
-        """The pyramid of what is in a ``window``, see :meth:`LensView.within`."""
-        finest = self.finest.within(window, single)
+    def of_tile(self, single: HighlightLimits | None) -> ViewPyramid:
+        """The same with the limits of single points that all of the picture has."""
+        finest = dataclasses.replace(self.finest, single=single)
         return ViewPyramid(finest, self.density, self.moments, self.detail)
 
     @property

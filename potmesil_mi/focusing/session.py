@@ -162,7 +162,9 @@ class Asked(NamedTuple):
 
     def seen(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
         """The samples that the lens is before, and the memo of these, which ``memo`` keeps."""
-        return (samples, memo) if self.picture_of is None else changed(samples, self.picture_of, memo)
+        return (
+            (samples, memo) if self.picture_of is None else changed(samples, self.picture_of, memo)
+        )
 
     def exposures(self, samples: PointSamples) -> list[Exposure]:
         """The exposure of each channel, of all or a part of the samples that are :meth:`seen`."""

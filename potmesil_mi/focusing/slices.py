@@ -179,9 +179,9 @@ def plan(
     counts = finest.counts if whole is None else whole.total
     for band in bands(counts, bins, blur, fineness.kept_radius):
         slices = [
-            _SlicePlanner(
-                views, lens, psf, blur, subpixels_per_mm, band, raster, whole
-            ).planned(fineness)
+            _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster, whole).planned(
+                fineness
+            )
             for raster in band.rasters()
         ]
         groups.append([each for each in slices if each is not None])

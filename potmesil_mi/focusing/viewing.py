@@ -175,6 +175,13 @@ class Viewing:
             seen = self.lens_points.nearest(seen, self.samples, radius, subpixels)
         limits = None if exposure.whole is None else exposure.whole.limits
         view = LensView.of(
-            found.fragments, radius, self.lens_points, single_points, self._located, seen, limits
+            found.fragments,
+            radius,
+            self.lens_points,
+            single_points,
+            self._located,
+            seen,
+            limits,
+            exposure.lit,
         )
         return ViewPyramid(view, found.density, found.moments, found.detail)

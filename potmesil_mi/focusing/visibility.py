@@ -70,6 +70,7 @@ def visibility(
     points: np.ndarray,
     times: np.ndarray | None = None,
     limits: SightLimits | None = None,
+    lit: Window | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What each of the lens ``points`` sees of the fragments.
 
@@ -77,7 +78,7 @@ def visibility(
     in subpixels per unit of vergence, of a lens point at radius 1. ``times``, (M,), from -0.5 to
     0.5, are when in the part of an exposure that fragments stand for the points look; without them
     nothing moves. ``limits`` are those of the picture that the fragments are a tile of, if they
-    are.
+    are; what is not ``lit`` then only covers others.
 
     Returns which fragments, bool (N,), some lens point may not see as a whole; and for these, in
     their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
@@ -89,6 +90,8 @@ def visibility(
         times = np.zeros(len(points))
         fragments = dataclasses.replace(fragments, motion=None)
     coverable = may_be_covered(fragments, radius_per_vergence)
+    if lit is not None:
+        coverable &= lit.contains(fragments.x, fragments.y)
     apart = _relative_path(fragments.motion)
     covering = _may_cover(fragments, coverable, -radius_per_vergence, apart)
     limits = limits or limits_of(fragments, coverable)
@@ -381,8 +384,9 @@ def _seen_from(
 ) -> np.ndarray:
     """What each of the ``points``, (M, 3) with their times, sees of ``behind``, uint8 (N, M).
 
-    From the nearest ``step``, of so many bins, to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
-    bins nearer than a step's are added to the optical depth, then those of the step are looked up.
+    From the nearest ``step``, of so many bins, to the farthest: fragments of ``before`` that are at
+    least ``SLANT_BINS`` bins nearer than a step's are added to the optical depth, then those of the
+    step are looked up.
     """
     count = len(points)
     u, v, time = (jit.from_numpy(jit.Float, column) for column in points.T)

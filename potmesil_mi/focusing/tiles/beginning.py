@@ -56,7 +56,9 @@ def whole_of_view(exposure: Exposure, how: Visibility) -> Whole:
     radii = [blur.radius_per_vergence * abs(end - blur.focused_vergence) for end in ends]
     coarsest = resolution_of(max(radii), viewing.fineness.kept_radius)
     light = [math.ceil(_reach_of_light(exposure, how, *of)) for of in zip(radii, ends, strict=True)]
-    light = [of + (PIXELS_BESIDE + MOVED_REACH) * coarsest for of in light]
+    # Where light diffracts, single points are told from what is beside them in the view.
+    beside = BESIDE if viewing.diffracts else 0
+    light = [of + (PIXELS_BESIDE + MOVED_REACH) * coarsest + beside for of in light]
     # The points from which highlights are looked at are moved by a little.
     most = 1 + 1 / math.sqrt(HIGHLIGHT_POINTS * how.lens_points)
     parallax = most * viewing.radius_per_vergence * (ends[1] - ends[0])
@@ -109,5 +111,3 @@ def _densities(samples: PointSamples, subpixels: int) -> np.ndarray:
         dr.scatter_add(sums, weight * area, at.subpixel, at.visible, mode=scatter_mode())
         dr.eval(sums)
     return np.array(sums)
-
-

@@ -84,7 +84,7 @@ def tiles_of(
             core = _between(across, down, column, row)
             own = _between(beyond, above, column, row)
             formed = core.grown(margin).intersection(crop)
-            sampled = _around(own, formed).grown(halo).intersection(window)
+            sampled = covering(own, formed).grown(halo).intersection(window)
             # What coarser pixels there are begins where it does in the whole.
             left, top = (
                 first - (first - start) % alignment
@@ -111,7 +111,7 @@ def _between(across: Sequence[int], down: Sequence[int], column: int, row: int) 
     return Window(left, top, right - left, bottom - top)
 
 
-def _around(one: Window, other: Window) -> Window:
+def covering(one: Window, other: Window) -> Window:
     """The least window that covers two."""
     left, top = min(one.left, other.left), min(one.top, other.top)
     right, bottom = max(one.right, other.right), max(one.bottom, other.bottom)

@@ -18,7 +18,7 @@ from ...samples.point_samples import PointSamples
 from ..film import ReconstructionFilter
 from ..methods import Equation20, Method, VisibleMethod
 from ..session import Asked, asked, forming, memo_of
-from .cutting import Grid, tiles_of
+from .cutting import Grid, Tile, tiles_of
 from .stages import TileForming, TileTask, known_by
 
 Doing = Callable[[Asked, Sequence[TileTask], ProgressCallback], Iterable[tuple[TileTask, Any]]]
@@ -55,10 +55,12 @@ def focus_by_tiles(
             for number, stage in enumerate(work.stages):
                 tasks = [TileTask(stage, tile, wholes) for tile in cut]
                 listen = _part_of(report, number, len(work.stages))
-                each = _one_by_one(work, tasks, listen) if doing is None else doing(
-                    definite, tasks, listen
+                each = (
+                    _one_by_one(work, tasks, listen)
+                    if doing is None
+                    else doing(definite, tasks, listen)
                 )
-                told = dict.fromkeys(cut)
+                told: dict[Tile, Sequence[Any]] = {}
                 for task, found in each:
                     if stage == "picture":
                         picture[task.tile.core.slices_in(seen.crop_window)] = found

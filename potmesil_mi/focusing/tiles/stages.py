@@ -27,7 +27,7 @@ from ..viewing import Viewing
 from ..visibility import SightLimits, limits_of, may_be_covered
 from ..whole import Whole
 from .beginning import whole_of_tables, whole_of_view
-from .cutting import Tile
+from .cutting import Tile, covering
 
 KEPT_BYTES = 256 << 20
 """Most bytes of what is kept of tiles from one stage to the next."""
@@ -115,7 +115,9 @@ class TileForming:
         exposure = self.exposures[channel]
         samples = exposure.samples.part(tile.crop, tile.sampled)
         require_memory_for(samples, self.asked.method, self.asked.subpixels)
-        return dataclasses.replace(exposure, samples=samples, whole=whole)
+        exposure = dataclasses.replace(exposure, samples=samples, whole=whole)
+        lit = covering(exposure.crop.grown(whole.light), _own(tile, exposure))
+        return dataclasses.replace(exposure, lit=lit)
 
     def _give_up(self, last: Tile) -> None:
         """Give up what is kept of tiles, those of longest ago first, down to the bound."""
@@ -159,11 +161,10 @@ def _peaks(fragments: Any, shape: tuple[int, int]) -> Peaks:
 def _of_view(viewing: Viewing, how: Visibility, own: Window) -> OfView:
     exposure, view = viewing.exposure, viewing.pyramid().finest
     whole, some = exposure.whole, view.unoccluded
-    assert whole is not None and whole.bins is not None
+    assert whole is not None
+    assert whole.bins is not None
     size = _size(whole, exposure.subpixels)
-    coarse = coarse_bins(
-        whole.bins, whole.bin_count, exposure.blur, viewing.fineness.kept_radius
-    )
+    coarse = coarse_bins(whole.bins, whole.bin_count, exposure.blur, viewing.fineness.kept_radius)
     counts = ViewCounts.of(view, own, size, list(coarse))
     peaks = None
     if some.offset is not None:
