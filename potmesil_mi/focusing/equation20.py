@@ -26,6 +26,7 @@ from .._progress import track
 from ..optics.convolution import convolve_fully
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .choices import TableEnds
 from .exposure import Exposure
 from .fragments import among_few, scatter_mode
 from .smearing import samples_along_paths
@@ -75,7 +76,7 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     farthest = whole.width + exposure.crop.width, whole.height + exposure.crop.height
     inverse_square = inverse_square and not exposure.telecentric
     depths = _depths(exposure)
-    ends = TableEnds.of(exposure) if exposure.whole is None else exposure.whole.tables
+    ends = table_ends(exposure) if exposure.choices is None else exposure.choices.tables
     assert ends is not None
     depths = np.where(depths > ends.last, np.float32(np.inf), depths)
     stack = _TableStack.of(np.maximum(depths, ends.nearest), ends, tables)
@@ -138,25 +139,17 @@ def _depths(exposure: Exposure) -> np.ndarray:
         return 1 / z if exposure.telecentric else z
 
 
-class TableEnds(NamedTuple):
-    """Depths of the first and the last table, and up to which samples are not at infinity."""
-
-    nearest: np.float32
-    farthest: np.float32
-    last: float
-
-    @classmethod
-    def of(cls, exposure: Exposure) -> TableEnds:
-        """Those of all samples of an exposure, :func:`as_seen`."""
-        depths, last = _depths(exposure), math.inf
-        if not exposure.telecentric:
-            radius = exposure.blur.radius_per_vergence
-            last = radius / AS_IF_INFINITE or float(depths.min()) / NEAREST
-        finite = depths[np.isfinite(depths) & (depths <= last)]
-        if len(finite) == 0:
-            return cls(np.float32(0), np.float32(0), last)
-        farthest = finite.max()
-        return cls(np.maximum(finite.min(), NEAREST * farthest), farthest, last)
+def table_ends(exposure: Exposure) -> TableEnds:
+    """Where the tables of all samples of an exposure end, :func:`as_seen`."""
+    depths, last = _depths(exposure), math.inf
+    if not exposure.telecentric:
+        radius = exposure.blur.radius_per_vergence
+        last = radius / AS_IF_INFINITE or float(depths.min()) / NEAREST
+    finite = depths[np.isfinite(depths) & (depths <= last)]
+    if len(finite) == 0:
+        return TableEnds(np.float32(0), np.float32(0), last)
+    farthest = finite.max()
+    return TableEnds(np.maximum(finite.min(), NEAREST * farthest), farthest, last)
 
 
 class PositionClasses(NamedTuple):

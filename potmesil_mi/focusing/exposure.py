@@ -12,7 +12,7 @@ from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 
 if TYPE_CHECKING:
-    from .whole import Whole
+    from .choices import Choices
 
 FINE_SUBPIXELS = 4
 """Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
@@ -45,8 +45,8 @@ class Exposure:
                                   does not fall off, and 1/z is what steps of depth are equal in
     ``degree``                    up to which the film asks for moments: where in a subpixel light
                                   is, see :mod:`potmesil_mi.focusing.moments`
-    ``whole``                     what the picture is that the exposure is of a tile of; ``None``
-                                  where it is the picture itself
+    ``choices``                   what the picture has chosen that the exposure is of a tile of;
+                                  ``None`` where it is of the picture itself
     ``lit``                       of a tile: from which subpixels of the samples' window light may
                                   be in it
     ============================  ==========================================================
@@ -59,7 +59,7 @@ class Exposure:
     alpha: bool
     telecentric: bool = False
     degree: int = 0
-    whole: Whole | None = None
+    choices: Choices | None = None
     lit: Window | None = None
 
     @property

@@ -27,10 +27,10 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
     Subpixels that no light reaches are 0. What each counts in its pixel is how densely it was
     sampled, 1 on the average.
     """
-    viewing, whole = Viewing(exposure, memo, how), exposure.whole
+    viewing, chosen = Viewing(exposure, memo, how), exposure.choices
     exposure, views = viewing.exposure, viewing.pyramid()
-    if whole is not None:
-        views = views.of_tile(whole.single)
+    if chosen is not None:
+        views = views.of_tile(chosen.single)
     channels = views.finest.unoccluded.values.shape[1]
     groups = plan(
         views,
@@ -39,13 +39,13 @@ def form(exposure: Exposure, memo: Memo, how: Visibility) -> FinePicture:
         exposure.blur,
         exposure.subpixels_per_mm,
         viewing.fineness,
-        None if whole is None else whole.counts,
+        None if chosen is None else chosen.counts,
     )
     density, moments = (
         None if of is None else _cropped(of, exposure.crop) for of in (views.density, views.moments)
     )
     compositor = Compositor(
-        exposure.crop, channels, exposure.subpixels, density, moments, whole is not None
+        exposure.crop, channels, exposure.subpixels, density, moments, chosen is not None
     )
     begun: list[tuple[DepthSlice, SliceImages]] = []
     for group in track(groups, "Focusing"):

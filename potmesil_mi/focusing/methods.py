@@ -110,15 +110,7 @@ class VisibleMethod(Method):
         """See :meth:`Method.form`."""
         from . import layered
 
-        return layered.form(exposure, memo, self.visibility(exposure))
-
-    def visibility(self, exposure: Exposure) -> Visibility:
-        """How visibility is found for an ``exposure``."""
-        points = self.lens_points
-        if points is None:
-            least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
-            points = max(self.points_for(exposure.samples), least)
-        return Visibility(points, self.exact)
+        return layered.form(exposure, memo, visibility_for(self, exposure))
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
@@ -134,6 +126,15 @@ class VisibleMethod(Method):
     def squares_for(self, samples: PointSamples) -> int:
         """Subpixels on a side of a pixel for ``samples``, if they are enough."""
         return self.usual_squares
+
+
+def visibility_for(method: VisibleMethod, exposure: Exposure) -> Visibility:
+    """How a method finds visibility for an ``exposure``."""
+    points = method.lens_points
+    if points is None:
+        least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
+        points = max(method.points_for(exposure.samples), least)
+    return Visibility(points, method.exact)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -160,14 +160,14 @@ class Asked(NamedTuple):
     alpha: bool
     filters: tuple[FilterFunction, ...]
 
-    def seen(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
+    def adapted(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
         """The samples that the lens is before, and the memo of these, which ``memo`` keeps."""
         return (
             (samples, memo) if self.picture_of is None else changed(samples, self.picture_of, memo)
         )
 
     def exposures(self, samples: PointSamples) -> list[Exposure]:
-        """The exposure of each channel, of all or a part of the samples that are :meth:`seen`."""
+        """The exposure of each channel, of all samples that are :meth:`adapted` or of some."""
         degree = degree_of(self.rfilter, self.subpixels)
         is_telecentric = self.picture_of is not None
         return [
@@ -189,7 +189,7 @@ class Asked(NamedTuple):
         return np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
 
     def filtered(self, picture: np.ndarray, samples: PointSamples) -> jit.TensorXf:
-        """The picture, of the samples that are :meth:`seen`, with its special effects."""
+        """The picture, of the samples that are :meth:`adapted`, with its special effects."""
         if self.filters:
             # The field of view is the samples', and so is the film's width.
             pixels_per_mm = samples.camera.focal_length_pixels / self.lens.film_distance
@@ -253,7 +253,7 @@ def form_picture(
     require_memory_for(samples, method, wanted.subpixels)
     with forming:
         owned = memo
-        samples, memo = wanted.seen(samples, owned)
+        samples, memo = wanted.adapted(samples, owned)
         exposures = wanted.exposures(samples)
         picture = wanted.formed(exposures, [memo] * len(exposures))
         for grown in (memo, owned):

@@ -58,7 +58,7 @@ class Viewing:
     """
 
     def __init__(self, exposure: Exposure, memo: Memo, how: Visibility) -> None:
-        if exposure.whole is None:
+        if exposure.choices is None:
             of_pixels = Blur.of(exposure.lens, exposure.samples.camera)
             samples, memo = within_reach(exposure.samples, of_pixels, memo)
             exposure = dataclasses.replace(exposure, samples=samples)
@@ -116,8 +116,8 @@ class Viewing:
     @property
     def detail_degree(self) -> int:
         """The degree of the moments that tell the detail of fragments."""
-        if self.exposure.whole is not None:
-            return self.exposure.whole.detail_degree
+        if self.exposure.choices is not None:
+            return self.exposure.choices.detail_degree
         # Another filter than a box asks for the places of light itself, before it is spread.
         is_needed = not self.diffracts and self.degree == 0
         return detail_degree(self.samples, self.exposure.subpixels) if is_needed else 0
@@ -133,29 +133,29 @@ class Viewing:
         return self._memo.get(("fragments", self._about), self._evened)
 
     def _evened(self) -> Evened:
-        exposure, whole = self.exposure, self.exposure.whole
+        exposure, chosen = self.exposure, self.exposure.choices
         gathered = gather_with_known(
             self.samples,
             exposure.subpixels,
             self.radius_per_vergence,
             exposure.alpha,
             self.degree,
-            None if whole is None else whole.bins,
+            None if chosen is None else chosen.bins,
             self.detail_degree,
-            None if whole is None else whole.window,
-            None if whole is None else whole.has_known,
+            None if chosen is None else chosen.window,
+            None if chosen is None else chosen.has_known,
         )
         if self.samples.window.size * exposure.subpixels**2 > MOST_KEPT:
             dr.flush_malloc_cache()
-        is_even = None if whole is None else whole.is_even
+        is_even = None if chosen is None else chosen.is_even
         found = evened(gathered.fragments, exposure.subpixels, gathered.detail, is_even)
         found = found._replace(seen=gathered.seen)
         return found._replace(fragments=self._located(found.fragments)) if self.diffracts else found
 
     def _located(self, fragments: Fragments) -> Fragments:
         """Fragments with their offsets."""
-        whole = self.exposure.whole
-        window = None if whole is None else whole.window
+        chosen = self.exposure.choices
+        window = None if chosen is None else chosen.window
         return with_offsets(fragments, self.samples, self.exposure.subpixels, window)
 
     def pyramid(self) -> ViewPyramid:
@@ -173,7 +173,7 @@ class Viewing:
         seen = found.seen
         if seen is not None:
             seen = self.lens_points.nearest(seen, self.samples, radius, subpixels)
-        limits = None if exposure.whole is None else exposure.whole.limits
+        limits = None if exposure.choices is None else exposure.choices.limits
         view = LensView.of(
             found.fragments,
             radius,

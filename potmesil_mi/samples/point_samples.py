@@ -27,6 +27,7 @@ from . import files
 from .aovs import are_ids, require_aov_names, require_named
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
+from .cropping import part_of
 from .display import html_of_samples
 from .header import Header
 from .image_layers import Hidden
@@ -356,14 +357,7 @@ class PointSamples(Columns):
         sampled = window.grown(halo).intersection(self.window)
         if not sampled.shows(self.x, self.y, self.window, edges=self.lattice > 0).any():
             raise ValueError(f"window={tuple(window)}, halo={halo}: there are no samples in it")
-        return self.part(window, sampled)
-
-    def part(self, window: Window, sampled: Window) -> PointSamples:
-        """The samples in ``sampled``, of a camera whose crop window is ``window``."""
-        (left, top), size = window[:2], window[2:]
-        camera = dataclasses.replace(self.camera, crop_offset=(left, top), crop_size=size)
-        inside = sampled.shows(self.x, self.y, self.window, edges=self.lattice > 0)
-        return self.chosen(inside).replace(camera=camera, window=sampled)
+        return part_of(self, window, sampled)
 
     def merge(
         self, lens: ThinLens | TelecentricLens | None = None, tolerance: float = 0.1

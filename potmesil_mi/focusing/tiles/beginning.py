@@ -12,8 +12,9 @@ from ... import _backend as jit
 from ...optics.psf import aperture_behind
 from ...samples.point_samples import PointSamples
 from ..bands import resolution_of
+from ..choices import Choices
 from ..density import EVEN, SPARSE_REACH
-from ..equation20 import TableEnds, as_seen
+from ..equation20 import as_seen, table_ends
 from ..exposure import Exposure, Visibility
 from ..fragments import scatter_mode
 from ..gathering import bins_of, depth_of_covers, has_known
@@ -24,7 +25,6 @@ from ..locating import Raster, located_in, one_subpixel_each, parts_of
 from ..memo import Memo
 from ..slices import MOVED_REACH
 from ..viewing import Viewing
-from ..whole import Whole
 
 PIXELS_BESIDE = 5
 """Pixels of a slice farther than its circles that light may be: it is shared between two, gathered
@@ -34,19 +34,19 @@ BESIDE = NEIGHBOURHOOD // 2 + 2
 """Subpixels around a fragment on which it depends, besides those that parallax moves before it."""
 
 
-def whole_of_tables(exposure: Exposure) -> Whole:
+def whole_of_tables(exposure: Exposure) -> Choices:
     """What a picture by equation 20 has chosen, of all samples of the ``exposure``."""
     seen = as_seen(exposure)
-    ends = TableEnds.of(seen)
+    ends = table_ends(seen)
     depths = {float(ends.nearest) or 1.0, float(ends.farthest) or 1.0, math.inf}
     if exposure.telecentric:
         depths = {1 / depth if depth > 0 else math.inf for depth in depths}
     reach = max(_reach_of_table(exposure, depth) for depth in depths) + BESIDE
     window = exposure.samples.window
-    return Whole(window, -(-reach // exposure.subpixels) + 1, tables=ends)
+    return Choices(window, -(-reach // exposure.subpixels) + 1, tables=ends)
 
 
-def whole_of_view(exposure: Exposure, how: Visibility) -> Whole:
+def whole_of_view(exposure: Exposure, how: Visibility) -> Choices:
     """What a picture of what is visible has chosen, as far as its samples alone tell."""
     viewing = Viewing(exposure, Memo(), how)
     samples, subpixels, blur = viewing.samples, exposure.subpixels, exposure.blur
@@ -66,7 +66,7 @@ def whole_of_view(exposure: Exposure, how: Visibility) -> Whole:
     borrowed = max(subpixels, SPARSE_REACH * (math.sqrt(float(densities.max())) - 1))
     # What is nearest is hidden by nothing; what is farthest may be by what is nearest.
     halo = max(light[0] + parallax, light[1]) + borrowed + BESIDE
-    return Whole(
+    return Choices(
         samples.window,
         math.ceil(halo / subpixels),
         max(light),

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from ..._validation import require_whole, shown
 from ...samples.point_samples import PointSamples
 from ...samples.raster import Window
+from ..choices import Choices
 from ..film import ReconstructionFilter
-from ..whole import Whole
 
 MOST_ON_A_SIDE = 1024
 """Most tiles beside each other."""
@@ -65,14 +65,17 @@ class Tile:
 
 
 def tiles_of(
-    grid: Grid, samples: PointSamples, wholes: Sequence[Whole], rfilter: ReconstructionFilter | None
+    grid: Grid,
+    samples: PointSamples,
+    choices: Sequence[Choices],
+    rfilter: ReconstructionFilter | None,
 ) -> list[Tile]:
     """The tiles of a picture, row by row."""
     radius = 0.5 if rfilter is None else rfilter.radius()
     crop, window = samples.crop_window, samples.window
     margin = math.ceil(radius) + BESIDE
-    halo = max(whole.halo for whole in wholes)
-    alignment = max(whole.alignment for whole in wholes)  # Powers of 2.
+    halo = max(chosen.halo for chosen in choices)
+    alignment = max(chosen.alignment for chosen in choices)  # Powers of 2.
     across = _edges(crop.left, crop.width, grid.columns)
     down = _edges(crop.top, crop.height, grid.rows)
     # Their own parts fill the window.
@@ -85,7 +88,7 @@ def tiles_of(
             own = _between(beyond, above, column, row)
             formed = core.grown(margin).intersection(crop)
             sampled = covering(own, formed).grown(halo).intersection(window)
-            # What coarser pixels there are begins where it does in the whole.
+            # What coarser pixels there are begins where it does in the whole picture.
             left, top = (
                 first - (first - start) % alignment
                 for first, start in zip(sampled[:2], window[:2], strict=True)

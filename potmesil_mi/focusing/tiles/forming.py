@@ -16,7 +16,7 @@ from ...optics.psf import PointSpreadFunction
 from ...optics.telecentric import TelecentricLens
 from ...samples.point_samples import PointSamples
 from ..film import ReconstructionFilter
-from ..methods import Equation20, Method, VisibleMethod
+from ..methods import Equation20, Method, VisibleMethod, visibility_for
 from ..session import Asked, asked, forming, memo_of
 from .cutting import Grid, Tile, tiles_of
 from .stages import TileForming, TileTask, known_by
@@ -41,19 +41,20 @@ def focus_by_tiles(
     They are formed one after the other, or by what is ``doing`` that. Raises what
     ``potmesil_mi.focus`` does, and ``ValueError`` for what cannot be formed by tiles.
     """
+    memo = memo_of(samples)
     grid = Grid.of(tiles, samples.crop_window)
-    wanted = asked(samples, lens, method, memo_of(samples), psf, rfilter, alpha, filters)
+    wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters)
     _require_possible(samples, method)
     with forming:
-        seen, _ = wanted.seen(samples, memo_of(samples))
-        definite = wanted._replace(method=_definite(wanted, seen))
+        definite = wanted._replace(method=_definite(wanted, samples))
         work = TileForming(definite, samples)
-        wholes = work.begun()
-        cut = tiles_of(grid, seen, wholes, rfilter)
-        picture = np.zeros((*seen.crop_window.shape, 3 + wanted.alpha), np.float32)
+        choices = work.begun()
+        cut = tiles_of(grid, work.samples, choices, rfilter)
+        crop = samples.crop_window
+        picture = np.zeros((*crop.shape, 3 + wanted.alpha), np.float32)
         with reported() as report:
             for number, stage in enumerate(work.stages):
-                tasks = [TileTask(stage, tile, wholes) for tile in cut]
+                tasks = [TileTask(stage, tile, choices) for tile in cut]
                 listen = _part_of(report, number, len(work.stages))
                 each = (
                     _one_by_one(work, tasks, listen)
@@ -63,12 +64,12 @@ def focus_by_tiles(
                 told: dict[Tile, Sequence[Any]] = {}
                 for task, found in each:
                     if stage == "picture":
-                        picture[task.tile.core.slices_in(seen.crop_window)] = found
+                        picture[task.tile.core.slices_in(crop)] = found
                     else:
                         told[task.tile] = found
                 if stage != "picture":
-                    wholes = known_by(wholes, [told[tile] for tile in cut])
-        return wanted.filtered(picture, seen)
+                    choices = known_by(choices, [told[tile] for tile in cut])
+        return wanted.filtered(picture, work.samples)
 
 
 def _require_possible(samples: PointSamples, method: Method) -> None:
@@ -90,12 +91,12 @@ def _require_possible(samples: PointSamples, method: Method) -> None:
         )
 
 
-def _definite(wanted: Asked, seen: PointSamples) -> Method:
+def _definite(wanted: Asked, samples: PointSamples) -> Method:
     """The method with the options that it has for all samples."""
     method = wanted.method
     changed: Any = method
     if isinstance(method, VisibleMethod):
-        points = method.visibility(wanted.exposures(seen)[0]).lens_points
+        points = visibility_for(method, wanted.exposures(samples)[0]).lens_points
         return dataclasses.replace(changed, squares=wanted.subpixels, lens_points=points)
     return dataclasses.replace(changed, squares=wanted.subpixels)
 

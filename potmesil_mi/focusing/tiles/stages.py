@@ -14,18 +14,19 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from ...samples.cropping import part_of
 from ...samples.point_samples import PointSamples
 from ...samples.raster import Window
+from ..choices import Choices
 from ..exposure import Exposure, Visibility
 from ..highlights import HighlightLimits, Peaks
 from ..lens_view import ViewLimits, as_lit, covers_of
 from ..memo import Memo
-from ..methods import Equation20, VisibleMethod
+from ..methods import Equation20, VisibleMethod, visibility_for
 from ..session import Asked, require_memory_for
 from ..view_counts import ViewCounts, coarse_bins
 from ..viewing import Viewing
 from ..visibility import SightLimits, limits_of, may_be_covered
-from ..whole import Whole
 from .beginning import whole_of_tables, whole_of_view
 from .cutting import Tile, covering
 
@@ -36,11 +37,11 @@ Stage = Literal["fragments", "view", "picture"]
 
 
 class TileTask(NamedTuple):
-    """What is to be done with a tile; ``wholes`` has a :class:`Whole` for each channel."""
+    """What is to be done with a tile; ``choices`` has a :class:`Choices` for each channel."""
 
     stage: Stage
     tile: Tile
-    wholes: tuple[Whole, ...]
+    choices: tuple[Choices, ...]
 
 
 class OfFragments(NamedTuple):
@@ -62,11 +63,11 @@ class TileForming:
 
     def __init__(self, asked: Asked, samples: PointSamples) -> None:
         self.asked = asked
-        self.samples, _ = asked.seen(samples, Memo())
+        self.samples, _ = asked.adapted(samples, Memo())
         self.exposures = asked.exposures(self.samples)
         if isinstance(asked.method, VisibleMethod):
             self.exposures = [
-                Viewing(each, Memo(), asked.method.visibility(each)).exposure
+                Viewing(each, Memo(), visibility_for(asked.method, each)).exposure
                 for each in self.exposures
             ]
         self._kept: dict[tuple[Tile, int], Memo] = {}
@@ -78,18 +79,18 @@ class TileForming:
             return ("picture",)
         return "fragments", "view", "picture"
 
-    def begun(self) -> tuple[Whole, ...]:
+    def begun(self) -> tuple[Choices, ...]:
         """What there is to say of the whole picture before the first stage."""
         method = self.asked.method
         if isinstance(method, VisibleMethod):
-            return tuple(whole_of_view(of, method.visibility(of)) for of in self.exposures)
+            return tuple(whole_of_view(of, visibility_for(method, of)) for of in self.exposures)
         return tuple(map(whole_of_tables, self.exposures))
 
     def do(self, task: TileTask) -> list[OfFragments] | list[OfView] | np.ndarray:
         """Do a stage with a tile; the picture of its core is float32 (height, width, 3 or 4)."""
         found: Any = []
-        for channel, whole in enumerate(task.wholes):
-            exposure = self._exposure(task.tile, channel, whole)
+        for channel, chosen in enumerate(task.choices):
+            exposure = self._exposure(task.tile, channel, chosen)
             memo = self._kept.setdefault((task.tile, channel), Memo(0))
             if task.stage == "picture":
                 found.append((exposure, memo))
@@ -100,7 +101,7 @@ class TileForming:
         if task.stage == "picture":
             picture = self.asked.formed(*zip(*found, strict=True))
             found = picture[task.tile.core.slices_in(task.tile.crop)].astype(np.float32)
-            for channel in range(len(task.wholes)):
+            for channel in range(len(task.choices)):
                 self._kept.pop((task.tile, channel))
         self._give_up(task.tile)
         return found
@@ -108,15 +109,15 @@ class TileForming:
     def _how(self, exposure: Exposure) -> Visibility:
         method = self.asked.method
         assert isinstance(method, VisibleMethod)
-        return method.visibility(exposure)
+        return visibility_for(method, exposure)
 
-    def _exposure(self, tile: Tile, channel: int, whole: Whole) -> Exposure:
+    def _exposure(self, tile: Tile, channel: int, chosen: Choices) -> Exposure:
         """The exposure of a tile."""
         exposure = self.exposures[channel]
-        samples = exposure.samples.part(tile.crop, tile.sampled)
+        samples = part_of(exposure.samples, tile.crop, tile.sampled)
         require_memory_for(samples, self.asked.method, self.asked.subpixels)
-        exposure = dataclasses.replace(exposure, samples=samples, whole=whole)
-        lit = covering(exposure.crop.grown(whole.light), _own(tile, exposure))
+        exposure = dataclasses.replace(exposure, samples=samples, choices=chosen)
+        lit = covering(exposure.crop.grown(chosen.light), _own(tile, exposure))
         return dataclasses.replace(exposure, lit=lit)
 
     def _give_up(self, last: Tile) -> None:
@@ -133,15 +134,15 @@ def _own(tile: Tile, exposure: Exposure) -> Window:
     return tile.own.relative_to(exposure.samples.window).subdivided(exposure.subpixels)
 
 
-def _size(whole: Whole, subpixels: int) -> tuple[int, int]:
+def _size(chosen: Choices, subpixels: int) -> tuple[int, int]:
     """Columns and rows of the whole picture's subpixels."""
-    return whole.window.width * subpixels, whole.window.height * subpixels
+    return chosen.window.width * subpixels, chosen.window.height * subpixels
 
 
 def _of_fragments(viewing: Viewing, how: Visibility, own: Window) -> OfFragments:
-    fragments, whole = viewing.evened().fragments, viewing.exposure.whole
-    assert whole is not None
-    width, height = _size(whole, viewing.exposure.subpixels)
+    fragments, chosen = viewing.evened().fragments, viewing.exposure.choices
+    assert chosen is not None
+    width, height = _size(chosen, viewing.exposure.subpixels)
     covers, sight = covers_of(fragments), None
     coverable = may_be_covered(covers, viewing.radius_per_vergence)
     inside = own.contains(covers.x, covers.y)
@@ -160,11 +161,11 @@ def _peaks(fragments: Any, shape: tuple[int, int]) -> Peaks:
 
 def _of_view(viewing: Viewing, how: Visibility, own: Window) -> OfView:
     exposure, view = viewing.exposure, viewing.pyramid().finest
-    whole, some = exposure.whole, view.unoccluded
-    assert whole is not None
-    assert whole.bins is not None
-    size = _size(whole, exposure.subpixels)
-    coarse = coarse_bins(whole.bins, whole.bin_count, exposure.blur, viewing.fineness.kept_radius)
+    chosen, some = exposure.choices, view.unoccluded
+    assert chosen is not None
+    assert chosen.bins is not None
+    size = _size(chosen, exposure.subpixels)
+    coarse = coarse_bins(chosen.bins, chosen.bin_count, exposure.blur, viewing.fineness.kept_radius)
     counts = ViewCounts.of(view, own, size, list(coarse))
     peaks = None
     if some.offset is not None:
@@ -172,27 +173,27 @@ def _of_view(viewing: Viewing, how: Visibility, own: Window) -> OfView:
     return OfView(counts, peaks)
 
 
-def known_by(wholes: Sequence[Whole], told: Sequence[Sequence[Any]]) -> tuple[Whole, ...]:
+def known_by(choices: Sequence[Choices], told: Sequence[Sequence[Any]]) -> tuple[Choices, ...]:
     """What is known of the whole picture after all of its tiles have told of a stage.
 
     ``told`` has what each of them told, for each channel.
     """
     every = zip(*told, strict=True)
-    return tuple(_known(whole, of) for whole, of in zip(wholes, every, strict=True))
+    return tuple(_known(chosen, of) for chosen, of in zip(choices, every, strict=True))
 
 
-def _known(whole: Whole, told: Sequence[Any]) -> Whole:
+def _known(chosen: Choices, told: Sequence[Any]) -> Choices:
     limits = _limits([of.peaks for of in told])
     if isinstance(told[0], OfView):
         counts = ViewCounts.added([of.counts for of in told])
-        return dataclasses.replace(whole, counts=counts, single=limits)
+        return dataclasses.replace(chosen, counts=counts, single=limits)
     assert limits is not None
     sights = [of.sight for of in told if of.sight is not None]
     ends: dict[str, Callable[..., Any]] = {"farthest": min, "nearest": max, "last_bin": max}
     sight = sights[0]._replace(
         **{name: end(getattr(of, name) for of in sights) for name, end in ends.items()}
     )
-    return dataclasses.replace(whole, limits=ViewLimits(sight, limits))
+    return dataclasses.replace(chosen, limits=ViewLimits(sight, limits))
 
 
 def _limits(every: Sequence[Peaks | None]) -> HighlightLimits | None:

@@ -1,4 +1,4 @@
-"""The whole picture, as its tiles have to know it.
+"""Choices: what a picture that is formed by tiles chooses as a whole.
 
 What of a picture is discrete is chosen from all of its samples. Tiles that share these choices are
 parts of one picture: beside each other they show no seam.
@@ -7,17 +7,30 @@ parts of one picture: beside each other they show no seam.
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
+
+import numpy as np
 
 from ..samples.raster import Window
-from .equation20 import TableEnds
 from .highlights import HighlightLimits
 from .lens_view import ViewLimits
 from .locating import Bins
 from .view_counts import ViewCounts
 
 
+class TableEnds(NamedTuple):
+    """Of equation 20: depths of the first and the last table, and up to which it is not infinite.
+
+    What is farther than ``last`` has a table of its own.
+    """
+
+    nearest: np.float32
+    farthest: np.float32
+    last: float
+
+
 @dataclasses.dataclass(frozen=True)
-class Whole:
+class Choices:
     """What a picture has chosen as a whole, for one point-spread function.
 
     ============================  ==========================================================
