@@ -38,9 +38,11 @@ def whole_of_tables(exposure: Exposure) -> Choices:
     """What a picture by equation 20 has chosen, of all samples of the ``exposure``."""
     seen = as_seen(exposure)
     ends = table_ends(seen)
-    depths = {float(ends.nearest) or 1.0, float(ends.farthest) or 1.0, math.inf}
+    depths = {float(ends.nearest) or 1.0, float(ends.farthest) or 1.0}
     if exposure.telecentric:
-        depths = {1 / depth if depth > 0 else math.inf for depth in depths}
+        depths = {1 / depth for depth in depths}
+    elif not (seen.samples.z <= ends.last).all() or np.isinf(seen.samples.z).any():
+        depths.add(math.inf)
     reach = max(_reach_of_table(exposure, depth) for depth in depths) + BESIDE
     window = exposure.samples.window
     return Choices(window, -(-reach // exposure.subpixels) + 1, tables=ends)

@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
+import drjit as dr
 import numpy as np
 
 from ...samples.cropping import part_of
@@ -104,6 +105,8 @@ class TileForming:
             for channel in range(len(task.choices)):
                 self._kept.pop((task.tile, channel))
         self._give_up(task.tile)
+        # What this tile took serves no other, which is of another size.
+        dr.flush_malloc_cache()
         return found
 
     def _how(self, exposure: Exposure) -> Visibility:
@@ -156,7 +159,8 @@ def _of_fragments(viewing: Viewing, how: Visibility, own: Window) -> OfFragments
 def _peaks(fragments: Any, shape: tuple[int, int]) -> Peaks:
     """How bright fragments of a tile are, which are where they are in the whole picture."""
     place = (fragments.y + fragments.top) * np.int64(shape[1]) + fragments.x + fragments.left
-    return Peaks.of(fragments)._replace(shape=shape, subpixel=place)
+    kind = np.min_scalar_type(shape[0] * shape[1])  # Those of all tiles come together.
+    return Peaks.of(fragments)._replace(shape=shape, subpixel=place.astype(kind))
 
 
 def _of_view(viewing: Viewing, how: Visibility, own: Window) -> OfView:
