@@ -267,7 +267,7 @@ def require_memory_for(samples: PointSamples, method: Method, subpixels: int) ->
     require_memory(
         memory_of_focus(samples, method, subpixels),
         f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels",
-        "a crop of the samples and fewer squares take less",
+        "tiles, a crop of the samples and fewer squares take less",
     )
 
 
