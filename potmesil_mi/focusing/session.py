@@ -207,8 +207,13 @@ def asked(
     rfilter: ReconstructionFilter | None,
     alpha: bool,
     filters: Sequence[FilterFunction | str],
+    *,
+    by_tiles: bool = False,
 ) -> Asked:
-    """What is asked for, checked, and warned of; parameters are those of ``potmesil_mi.focus``."""
+    """What is asked for, checked, and warned of; parameters are those of ``potmesil_mi.focus``.
+
+    Where a picture is formed ``by_tiles`` it is these that have to fit into memory.
+    """
     if jit.variant() is not None:  # None: the first backend that works is taken
         jit.require_vectorised_variant("focus")
     given_lens, given = lens, _plain(samples.lens if lens is None else lens)
@@ -230,6 +235,8 @@ def asked(
     subpixels = method.squares
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
+    if not by_tiles:
+        require_memory_for(samples, method, subpixels)
     warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=4)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     for channel in channels:
@@ -250,7 +257,6 @@ def form_picture(
 ) -> jit.TensorXf:
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
     wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters)
-    require_memory_for(samples, method, wanted.subpixels)
     with forming:
         owned = memo
         samples, memo = wanted.adapted(samples, owned)

@@ -43,7 +43,7 @@ def focus_by_tiles(
     """
     memo = memo_of(samples)
     grid = Grid.of(tiles, samples.crop_window)
-    wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters)
+    wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters, by_tiles=True)
     _require_possible(samples, method)
     with forming:
         definite = wanted._replace(method=_definite(wanted, samples))
