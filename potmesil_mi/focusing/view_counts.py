@@ -160,7 +160,7 @@ class ViewCounts:
     ``width``, ``height``         subpixels of the window
     ``total``                     int64 (B,), how many fragments each bin has
     ``firsts``                    int64 (3, 2, B), the first column and row of those of each
-                                  kind, see :attr:`LensView.kinds`; beyond the window if there
+                                  kind, see :attr:`.LensView.kinds`; beyond the window if there
                                   are none
     ``lasts``                     int64 (3, 2, B), the last ones; -1 if there are none
     ``unoccluded``                by coarsening, what there is of the unoccluded ones on pixels,

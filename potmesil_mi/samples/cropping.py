@@ -9,7 +9,7 @@ from .raster import Window
 
 
 def part_of(samples: Any, window: Window, sampled: Window) -> Any:
-    """Those of the :class:`PointSamples` that are in ``sampled``, of which there are some.
+    """Those of the ``PointSamples`` that are in ``sampled``, of which there are some.
 
     ``window`` is the crop window of their camera.
     """

@@ -38,7 +38,7 @@ Stage = Literal["fragments", "view", "picture"]
 
 
 class TileTask(NamedTuple):
-    """What is to be done with a tile; ``choices`` has a :class:`Choices` for each channel."""
+    """What is to be done with a tile; ``choices`` has :class:`.Choices` for each channel."""
 
     stage: Stage
     tile: Tile
@@ -92,7 +92,8 @@ class TileForming:
         found: Any = []
         for channel, chosen in enumerate(task.choices):
             exposure = self._exposure(task.tile, channel, chosen)
-            memo = self._kept.setdefault((task.tile, channel), Memo(0))
+            key = task.tile, channel
+            memo = self._kept[key] = self._kept.pop(key, Memo(0))  # The last is at the end.
             if task.stage == "picture":
                 found.append((exposure, memo))
             else:
