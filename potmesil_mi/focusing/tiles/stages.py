@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -34,13 +34,14 @@ from .cutting import Tile, covering
 KEPT_BYTES = 256 << 20
 """Most bytes of what is kept of tiles from one stage to the next."""
 
-Stage = Literal["fragments", "view", "picture"]
-
 
 class TileTask(NamedTuple):
-    """What is to be done with a tile; ``choices`` has :class:`.Choices` for each channel."""
+    """What is to be done with a tile; ``choices`` has :class:`.Choices` for each channel.
 
-    stage: Stage
+    The ``stage`` is one of :attr:`TileForming.stages`.
+    """
+
+    stage: str
     tile: Tile
     choices: tuple[Choices, ...]
 
@@ -74,7 +75,7 @@ class TileForming:
         self._kept: dict[tuple[Tile, int], Memo] = {}
 
     @property
-    def stages(self) -> tuple[Stage, ...]:
+    def stages(self) -> tuple[str, ...]:
         """The stages that the method has."""
         if isinstance(self.asked.method, Equation20):
             return ("picture",)
