@@ -430,6 +430,7 @@ ROWS: dict[str, Callable[[Things], Row]] = {
             "tables": 3,
             "inverse_square": False,
             "squares": 1,
+            "tiles": (2, 1),
         },
     ),
     "focus_distance_at": lambda it: Row(

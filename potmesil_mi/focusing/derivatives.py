@@ -33,6 +33,8 @@ def require_derivatives(
     lens: ThinLens | TelecentricLens,
     channels: Sequence[PointSpreadFunction],
     filters: Sequence[FilterFunction],
+    *,
+    by_tiles: bool,
 ) -> None:
     """Raise ``NotImplementedError`` that names what has no derivatives."""
     names = [*samples.attached, *_attached_parameters(lens)]
@@ -41,6 +43,8 @@ def require_derivatives(
         refused[f"lens={shown(lens)}"] = "a telecentric lens"
     if len(channels) > 1 or aperture_behind(channels[0]).diffracts:
         refused[f"psf={shown(channels[0])}"] = "diffraction"
+    if by_tiles:
+        refused["tiles"] = "a picture that is formed tile by tile"
     if filters:
         refused[f"filters={shown(list(map(str, filters)))}"] = "a filter"
     if samples.moves:

@@ -9,9 +9,8 @@ import drjit as dr
 from ... import _backend as jit
 from ...optics.blur import Blur
 from ...optics.lens import ThinLens
-from ...optics.psf import aperture_behind
 from ...samples.raster import Window
-from ..exposure import Exposure
+from ..exposure import Exposure, Visibility
 from ..film import (
     FinePicture,
     ReconstructionFilter,
@@ -20,9 +19,9 @@ from ..film import (
     rows_and_columns,
 )
 from ..fragments import Fragments, gathered
-from ..layered import Visibility, cropped, fineness_of, radius_of_view
-from ..lens_points import LensPoints
+from ..layered import cropped
 from ..memo import Memo
+from ..viewing import Viewing
 from .composite import Spread, composite
 from .gathering import gather
 from .slices import SmoothSlice, plan
@@ -46,7 +45,8 @@ def form(
     ``lens`` is that of the ``exposure``, with its gradients.
     """
     samples, subpixels = exposure.samples, exposure.subpixels
-    view = _view(exposure, memo, how)
+    viewing = Viewing(exposure, memo, how)
+    view = _view(viewing, memo)
     plain = exposure.blur
     in_subpixels = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * in_subpixels), jit.Float(1 / lens.focus_distance))
@@ -60,7 +60,7 @@ def form(
         exposure.psf,
         plain,
         exposure.subpixels_per_mm,
-        fineness_of(exposure, how.exact),
+        viewing.fineness,
     )
     spread = [_spread(view, light, seen, blur, plain, each) for each in slices]
     density = view.gathering.density
@@ -87,16 +87,15 @@ def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float
     return gathered(jit.Float, values, place)
 
 
-def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
+def _view(viewing: Viewing, memo: Memo) -> SmoothView:
     """What the lens sees: known from before, or found out now."""
+    exposure, radius = viewing.exposure, viewing.radius_per_vergence
     samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
-    radius = radius_of_view(exposure, how.exact)
     # Bins that changed with each aperture would join other samples, and part other surfaces.
     of_bins = 2 ** (math.ceil(math.log2(radius) * BINS_AN_OCTAVE) / BINS_AN_OCTAVE)
-    aperture = aperture_behind(exposure.psf)
-    points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
     about = ("smooth", jit.name(), subpixels, alpha, of_bins)
     gathering = memo.get(about, lambda: gather(samples, subpixels, of_bins, alpha))
+    points = viewing.lens_points
     return memo.get(
         (*about, radius, points),
         lambda: SmoothView.of(gathering, samples, subpixels, radius, points),

@@ -20,6 +20,7 @@ from ...samples.raster import Window
 from ..bands import Band, bands
 from ..fragments import Fragments
 from ..kernels import KernelFactory, is_plain
+from ..locating import Bins
 from ..slices import CELL_RADIUS, Fineness, smeared
 from ..small_circles import responses_of
 from .view import SmoothView
@@ -96,8 +97,9 @@ def plan(
 ) -> list[SmoothSlice]:
     """The slices of a focus, from the nearest; all that is given has plain numbers."""
     fragments = view.gathering.fragments
+    bins = Bins(fragments.vergence_min, fragments.bin_width)
     slices = []
-    for band in bands(view.counts, fragments, blur, fineness.kept_radius):
+    for band in bands(view.counts, bins, blur, fineness.kept_radius):
         parts = [
             slice(*np.searchsorted(fragments.bin[kind], [band.first, band.end]))
             for kind in (view.unoccluded, view.occluded)
