@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,9 @@ MODULES = tuple(
     f"potmesil_mi.optics.{name}" for name in ("disc", "polygon", "lommel", "image_aperture")
 )
 """Where the apertures of the package are."""
+
+
+A = TypeVar("A", bound="Aperture")
 
 
 class Aperture(Spec, ABC, family="aperture", modules=MODULES):
@@ -67,6 +70,18 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
     def channels(self) -> tuple[Aperture, ...]:
         """Those of red, green and blue, or one for all of them."""
         return (self,)
+
+    @property
+    def attached(self) -> dict[str, Any]:
+        """Dr.Jit arrays, in one dimension, of its parameters that have gradients, by their names.
+
+        Pictures have derivatives in those of a :class:`~.attached.DifferentiableAperture`.
+        """
+        return {}
+
+    def without_gradients(self: A) -> A:
+        """The same aperture, of plain numbers only."""
+        return self
 
     def table(
         self,

@@ -6,6 +6,7 @@ import base64
 import binascii
 import dataclasses
 import functools
+import math
 import os
 import zlib
 from collections.abc import Mapping
@@ -16,7 +17,9 @@ import numpy as np
 from .._image import read_luminance
 from .._spec import written
 from .._validation import require_numbers, require_whole, shown
-from .aperture import Aperture, points_of_map
+from .aperture import SHARP, points_of_map
+from .attached import DifferentiableAperture
+from .arithmetic import on_host
 from .summed_area import interpolated, summed_area
 
 LARGEST_SIDE = 4096
@@ -29,7 +32,7 @@ A = TypeVar("A", bound="ImageAperture")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ImageAperture(Aperture):
+class ImageAperture(DifferentiableAperture):
     """Any picture as the aperture.
 
     ============================  ==========================================================
@@ -44,6 +47,9 @@ class ImageAperture(Aperture):
     Two are equal if their pictures are, element by element. A text has 16 bits for each element,
     and so describes the nearest aperture of 65536 levels. Raises ``ValueError`` for a picture that
     is empty, not finite, negative or black, or of more than 4096 elements on a side.
+
+    The picture may be a Dr.Jit tensor: if it has gradients enabled, pictures have derivatives in
+    its elements, inside the circle.
     """
 
     transmission_map: np.ndarray
@@ -52,15 +58,14 @@ class ImageAperture(Aperture):
     finest: ClassVar[float] = 32
 
     def __post_init__(self) -> None:
-        values = np.array(require_numbers("transmission_map", self.transmission_map), np.float64)
+        given = self.transmission_map
+        values = np.array(require_numbers("transmission_map", on_host(given)), np.float64)
         if values.ndim != 2 or values.size == 0 or max(values.shape) > LARGEST_SIDE:
             raise ValueError(
-                f"transmission_map={shown(self.transmission_map)}: has shape {values.shape}, "
+                f"transmission_map={shown(on_host(given))}: has shape {values.shape}, "
                 f"must be (H, W) of at most {LARGEST_SIDE}"
             )
-        down, across = np.indices(values.shape) + 0.5
-        height, width = values.shape
-        outside = np.hypot(across - width / 2, down - height / 2) > max(height, width) / 2
+        outside = outside_circle(values.shape)
         if not (np.isfinite(values).all() and (values >= 0).all() and values[~outside].any()):
             raise ValueError(
                 "transmission_map: must be finite, >= 0, and in the circle somewhere more than 0"
@@ -69,7 +74,7 @@ class ImageAperture(Aperture):
         values /= values.max()
         values += 0.0  # -0 to 0, for equal pictures to have equal bytes
         values.setflags(write=False)
-        object.__setattr__(self, "transmission_map", values)
+        self._attach("transmission_map", given, values)
 
     @classmethod
     def load(cls: type[A], filename: str | os.PathLike[str]) -> A:
@@ -86,6 +91,29 @@ class ImageAperture(Aperture):
         height, width = self.transmission_map.shape
         scale = max(height, width) / 2
         return interpolated(self._integral, x * scale + width / 2, y * scale + height / 2)
+
+    def overlaps(
+        self, radius: float, squeeze: float, largest: tuple[int, int] | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How the kernel of a circle is made of the picture, whose total is 1: ``D @ map @ A.T``.
+
+        ``radius``, ``squeeze`` and ``largest`` are those of :meth:`Aperture.circle_kernel`, for a
+        point in the middle of a pixel. D, float64 (rows, H), and A, (columns, W), are what part of
+        each element's height and width lies in each row and column of the kernel.
+        """
+        size = max(abs(radius), SHARP)
+        height, width = self.transmission_map.shape
+        found = []
+        for axis, (elements, stretch) in enumerate(((width, squeeze), (height, 1.0))):
+            reach = math.ceil(size / stretch)
+            if largest is not None:
+                reach = min(reach, largest[axis])
+            edges = (np.arange(-reach, reach + 2) - 0.5) * (stretch / size)
+            edges = edges * (max(height, width) / 2) + elements / 2
+            part = np.diff(np.clip(edges[:, None] - np.arange(elements), 0, 1), axis=0)
+            found.append(part[::-1] if radius > 0 else part)
+        across, down = found
+        return down, across
 
     def points(self, count: int) -> np.ndarray:
         """See :meth:`Aperture.points`: as dense as what it lets through."""
@@ -157,3 +185,10 @@ class ImageAperture(Aperture):
 
     def __repr__(self) -> str:
         return f"ImageAperture({'x'.join(map(str, self.transmission_map.shape[::-1]))})"
+
+
+def outside_circle(shape: tuple[int, ...]) -> np.ndarray:
+    """Which elements of a picture (H, W) lie outside the circle of an aperture, bool."""
+    down, across = np.indices(shape) + 0.5
+    height, width = shape
+    return np.hypot(across - width / 2, down - height / 2) > max(height, width) / 2
