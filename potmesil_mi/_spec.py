@@ -34,8 +34,8 @@ class Spec:
 
     A family is declared by ``class Aperture(Spec, family="aperture", modules=(...))``; the modules
     define the members that the package itself offers, and are imported when a name is not known
-    yet. A field with ``metadata={"spec": False}`` is no parameter of the text. What it has cannot be
-    told then, unless members are equal whatever they have there (``compare=False``).
+    yet. A field with ``metadata={"spec": False}`` is no parameter of the text. What it has cannot
+    be told then, unless members are equal whatever they have there (``compare=False``).
     """
 
     name: ClassVar[str]

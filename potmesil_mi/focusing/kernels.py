@@ -180,10 +180,14 @@ def without_variance(
             if small
             else _variance(kernel) - SUBPIXEL_VARIANCE
         )
-    left = max(variance - smeared, 0)
-    if left < FITTED_ROW_VARIANCE:
+    if variance - smeared < FITTED_ROW_VARIANCE:
         return _fitted_row(table(FITTED_FINER))
-    return table(math.sqrt((left - SUBPIXEL_VARIANCE) / variance))
+    return table(scale_without(smeared, variance))
+
+
+def scale_without(smeared: float, variance: float) -> float:
+    """How much smaller a distribution is that is to be ``smeared``, and by a pixel, to have one."""
+    return math.sqrt((variance - smeared - SUBPIXEL_VARIANCE) / variance)
 
 
 def _row(variance: float) -> np.ndarray:

@@ -89,12 +89,13 @@ class Method(Spec, family="method"):
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> TensorXf:
         """The picture of ``exposure`` in pixels, attached to what has gradients.
 
-        ``lens`` is that of the exposure, with its gradients. Raises ``NotImplementedError`` for a
-        method that has no derivatives.
+        ``lens`` and ``psf`` are those of the exposure, with their gradients. Raises
+        ``NotImplementedError`` for a method that has no derivatives.
         """
         raise NotImplementedError(
             f"method={self.name}: has no derivatives, as layered and lightfield have; detach what "
@@ -136,12 +137,13 @@ class _Visible(Method):
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> TensorXf:
         """See :meth:`Method.form_attached`."""
         from .gradients.form import form
 
-        return form(exposure, memo, self._visibility(exposure), lens, rfilter)
+        return form(exposure, memo, self._visibility(exposure), lens, psf, rfilter)
 
     def _visibility(self, exposure: Exposure) -> Visibility:
         from .layered import Visibility

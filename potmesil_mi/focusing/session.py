@@ -26,7 +26,7 @@ from ..optics.usable import require_usable_lens
 from ..samples.choosing import require_samples
 from ..samples.circles import FOCUS, in_units_of
 from ..samples.point_samples import PointSamples
-from .derivatives import has_gradients, require_derivatives
+from .derivatives import gradients_of, require_derivatives, without_gradients
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
@@ -150,7 +150,6 @@ def form_picture(
         jit.require_vectorised_variant("focus")
     chosen = samples.lens if lens is None else lens
     given_lens, given = lens, _plain(chosen)
-    attached = has_gradients(samples, chosen)
     require_fitting(samples.camera, given)
     require_usable_lens(given)
     lens, picture_of = _thin_lens(samples, given)
@@ -161,6 +160,8 @@ def form_picture(
         raise TypeError(
             f"rfilter={shown(rfilter)}: must be a reconstruction filter, such as film.rfilter()"
         )
+    attached = gradients_of(samples, chosen, psf)
+    given_psf, psf = psf, without_gradients(psf)
     require_flag("alpha", alpha)
     filters = as_filters(filters)
     method.check(lens)
@@ -179,10 +180,10 @@ def form_picture(
         if picture_of is not None:
             samples, memo = changed(samples, picture_of, memo)
         if attached:
-            require_derivatives(samples, chosen, channels, filters)
+            require_derivatives(attached, samples, chosen, given_psf, channels, filters)
             exposure = Exposure(samples, lens, psf, subpixels, bool(alpha))
-            form = method.form_attached
-            attached_picture = form(exposure, memo, in_units_of(samples, chosen), rfilter)
+            form, of_lens = method.form_attached, in_units_of(samples, chosen)
+            attached_picture = form(exposure, memo, of_lens, given_psf, rfilter)
             memo.trim()
             return attached_picture
         degree = degree_of(rfilter, subpixels)

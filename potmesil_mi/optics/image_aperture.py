@@ -10,7 +10,7 @@ import math
 import os
 import zlib
 from collections.abc import Mapping
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from .._image import read_luminance
 from .._spec import written
 from .._validation import require_numbers, require_whole, shown
 from .aperture import SHARP, points_of_map
-from .attached import DifferentiableAperture
 from .arithmetic import on_host
+from .attached import DifferentiableAperture
 from .summed_area import interpolated, summed_area
 
 LARGEST_SIDE = 4096
@@ -29,6 +29,16 @@ DESCRIBED_LEVELS = 65535
 """Largest level of an element in the text of such an aperture, in 16 bits."""
 
 A = TypeVar("A", bound="ImageAperture")
+
+
+class Overlap(NamedTuple):
+    """What part of each of N elements, along an axis, lies in each of K pixels of a kernel.
+
+    ``part`` is float64 (K, N), ``growth`` its derivative in the logarithm of the circle's radius.
+    """
+
+    part: np.ndarray
+    growth: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,13 +103,13 @@ class ImageAperture(DifferentiableAperture):
         return interpolated(self._integral, x * scale + width / 2, y * scale + height / 2)
 
     def overlaps(
-        self, radius: float, squeeze: float, largest: tuple[int, int] | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """How the kernel of a circle is made of the picture, whose total is 1: ``D @ map @ A.T``.
+        self, radius: float, squeeze: float = 1.0, largest: tuple[int, int] | None = None
+    ) -> tuple[Overlap, Overlap]:
+        """Down and across, how kernels are made of the picture: ``down.part @ map @ across.part.T``
 
-        ``radius``, ``squeeze`` and ``largest`` are those of :meth:`Aperture.circle_kernel`, for a
-        point in the middle of a pixel. D, float64 (rows, H), and A, (columns, W), are what part of
-        each element's height and width lies in each row and column of the kernel.
+        is the kernel of a circle if the total of the map is 1. ``radius``, ``squeeze`` and
+        ``largest`` are those of :meth:`Aperture.circle_kernel`; the point is in the middle of a
+        pixel.
         """
         size = max(abs(radius), SHARP)
         height, width = self.transmission_map.shape
@@ -108,10 +118,12 @@ class ImageAperture(DifferentiableAperture):
             reach = math.ceil(size / stretch)
             if largest is not None:
                 reach = min(reach, largest[axis])
-            edges = (np.arange(-reach, reach + 2) - 0.5) * (stretch / size)
-            edges = edges * (max(height, width) / 2) + elements / 2
-            part = np.diff(np.clip(edges[:, None] - np.arange(elements), 0, 1), axis=0)
-            found.append(part[::-1] if radius > 0 else part)
+            edges = (np.arange(-reach, reach + 2) - 0.5) * (stretch / size * max(height, width) / 2)
+            place = edges[:, None] + elements / 2 - np.arange(elements)
+            part = np.diff(np.clip(place, 0, 1), axis=0)
+            growth = np.diff(np.where((place > 0) & (place < 1), -edges[:, None], 0), axis=0)
+            turned = slice(None, None, -1 if radius > 0 else 1)
+            found.append(Overlap(part[turned], growth[turned]))
         across, down = found
         return down, across
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import drjit as dr
+import numpy as np
 
 from ... import _backend as jit
+from ...optics.aperture import Aperture
 from ...optics.blur import Blur
 from ...optics.lens import ThinLens
-from ...optics.psf import aperture_behind
+from ...optics.psf import PointSpreadFunction
 from ...samples.raster import Window
 from ..exposure import Exposure
 from ..film import (
@@ -17,11 +19,12 @@ from ..film import (
     reconstruct_channels,
     rows_and_columns,
 )
-from ..fragments import Fragments
+from ..fragments import Fragments, as_column
 from ..layered import Visibility, cropped, fineness_of, radius_of_view
 from ..lens_points import LensPoints
 from ..memo import Memo
 from .composite import Spread, composite
+from .opening import opening_of
 from .slices import SmoothSlice, plan
 from .splat import splat
 from .spread import light_of
@@ -33,28 +36,31 @@ def form(
     memo: Memo,
     how: Visibility,
     lens: ThinLens,
+    psf: PointSpreadFunction,
     rfilter: ReconstructionFilter | None,
 ) -> jit.TensorXf:
     """The picture (h, w, 3 or 4) of the crop window, attached to all that has gradients.
 
-    ``lens`` is that of the ``exposure``, with its gradients.
+    ``lens`` and ``psf`` are those of the ``exposure``, with their gradients.
     """
     samples, subpixels = exposure.samples, exposure.subpixels
-    view = _view(exposure, memo, how)
+    opening = opening_of(psf)
+    view = _view(exposure, memo, how, opening.seen_from)
     plain = exposure.blur
     per_pixel = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * per_pixel), jit.Float(1 / lens.focus_distance))
     light = view.light(samples, subpixels)
-    seen = _seen(view, light, blur)
+    points = opening.points(view.points, float(exposure.lens.squeeze))
+    seen = _seen(view, light, points, opening.weights(len(view.points)), blur)
     slices = plan(
         view,
         exposure.lens,
-        exposure.psf,
+        opening,
         plain,
         exposure.subpixels_per_mm,
         fineness_of(exposure, how.exact),
     )
-    spread = [_spread(view, light, seen, blur, plain, each) for each in slices]
+    spread = [_spread(view, light, seen, points, blur, plain, each) for each in slices]
     density = view.gathering.density
     crop = exposure.crop
     its_gradient = None
@@ -79,18 +85,28 @@ def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float
     return dr.gather(jit.Float, values, place)
 
 
-def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
-    """What the lens sees: known from before, or found out now."""
+def _view(exposure: Exposure, memo: Memo, how: Visibility, aperture: Aperture) -> SmoothView:
+    """What the lens sees from the points of an aperture: known from before, or found out now."""
     samples, subpixels = exposure.samples, exposure.subpixels
     radius = radius_of_view(exposure, how.exact)
-    aperture = aperture_behind(exposure.psf)
     points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
     key = ("smooth view", jit.name(), subpixels, exposure.alpha, radius, points)
     return memo.get(key, lambda: SmoothView.of(samples, subpixels, radius, points, exposure.alpha))
 
 
-def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
-    """What each lens point sees of each occluded fragment, 0 to 1, lane by lane."""
+def _seen(
+    view: SmoothView,
+    light: Light,
+    points: tuple[jit.Float, jit.Float],
+    weights: jit.Float | None,
+    blur: Blur,
+) -> jit.Float:
+    """What each of the ``points`` shows of each occluded fragment, lane by lane.
+
+    That is what it sees, 0 to 1, times its weight.
+    """
+    if view.seen.size == 0:
+        return jit.Float(0)
     seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
     edges = view.edges
 
@@ -99,17 +115,34 @@ def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
         return radius * (own - its)
 
     known = parallax(view.plain.vergence, dr.opaque(jit.Float, view.radius_per_vergence))
-    moved = parallax(light.vergence, blur.radius_per_vergence) - known
+    moved = parallax(light.vergence, blur.radius_per_vergence)
+    change = jit.Float(0)
+    for change_of_step, of_points, axis in (
+        (edges.across, points[0], 0),
+        (edges.down, points[1], 1),
+    ):
+        here = as_column(view.points[:, axis].astype(np.float32))
+        place, before = (dr.gather(jit.Float, of, edges.point) for of in (of_points, here))
+        change += change_of_step * (moved * place - known * before)
     dr.eval(seen)
-    dr.scatter_add(seen, moved * edges.along, edges.lane, mode=dr.ReduceMode.Direct)
-    return seen
+    dr.scatter_add(seen, change, edges.lane, mode=dr.ReduceMode.Direct)
+    if weights is None:
+        return seen
+    count = dr.opaque(jit.UInt32, len(view.points))
+    return seen * dr.gather(jit.Float, weights, dr.arange(jit.UInt32, view.seen.size) % count)
 
 
 def _spread(
-    view: SmoothView, light: Light, seen: jit.Float, blur: Blur, plain: Blur, each: SmoothSlice
+    view: SmoothView,
+    light: Light,
+    seen: jit.Float,
+    points: tuple[jit.Float, jit.Float],
+    blur: Blur,
+    plain: Blur,
+    each: SmoothSlice,
 ) -> Spread:
     """The light of a slice."""
-    parts = [light_of(images) for images in splat(view, light, seen, blur, plain, each)]
+    parts = [light_of(images) for images in splat(view, light, seen, points, blur, plain, each)]
     colours = parts[0][0] if len(parts) == 1 else parts[0][0] + parts[1][0]
     alpha = parts[0][1]
     if alpha is not None and len(parts) > 1:

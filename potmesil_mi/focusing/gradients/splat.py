@@ -18,6 +18,7 @@ from ..fragments import Fragments, as_column
 from ..lit import dark, lit_around, mark
 from ..small_circles import REACH, shared
 from ..splat import ImageStack
+from .opening import AttachedKernels
 from .slices import SmoothSlice
 from .view import Light, SmoothView
 
@@ -27,6 +28,7 @@ class SmoothImages(NamedTuple):
 
     stack: ImageStack
     kernels: list[np.ndarray]
+    attached_kernels: AttachedKernels | None = None
 
 
 class _Between(NamedTuple):
@@ -37,18 +39,25 @@ class _Between(NamedTuple):
 
 
 def splat(
-    view: SmoothView, light: Light, seen: jit.Float, blur: Blur, plain: Blur, each: SmoothSlice
+    view: SmoothView,
+    light: Light,
+    seen: jit.Float,
+    points: tuple[jit.Float, jit.Float],
+    blur: Blur,
+    plain: Blur,
+    each: SmoothSlice,
 ) -> list[SmoothImages]:
     """The images of a slice.
 
     ``blur`` may have gradients, ``plain`` has the same numbers without. ``seen`` is what each lens
-    point sees of each occluded fragment, 0 to 1.
+    point shows of each occluded fragment, 1 where all do alike; ``points`` are these, across and
+    down.
     """
     images = []
     if each.unoccluded.start < each.unoccluded.stop:
         images.append(_splat_circles(view, light, blur, plain, each))
     if each.occluded.start < each.occluded.stop:
-        images.append(_splat_points(view, light, seen, blur, plain, each))
+        images.append(_splat_points(view, light, seen, points, blur, plain, each))
     return images
 
 
@@ -101,7 +110,7 @@ def _splat_circles(
             part = jit.from_numpy(jit.Float, across * down / factor**2)
         for beyond, of_it in ((0, 1 - share), (1, share)):
             stack.scatter(values, alpha, stack.place(kernel + beyond, *there), of_it * part)
-    return SmoothImages(stack, each.kernels)
+    return SmoothImages(stack, each.kernels, each.attached_kernels)
 
 
 def _splat_small_circles(
@@ -110,7 +119,7 @@ def _splat_small_circles(
     light: Light,
     blur: Blur,
     each: SmoothSlice,
-    responses: np.ndarray,
+    responses: jit.Float,
 ) -> SmoothImages:
     """Unoccluded fragments in the place of each and around it, spread by their small circles."""
     box, detail = each.box, light.detail
@@ -154,6 +163,7 @@ def _splat_points(
     view: SmoothView,
     light: Light,
     seen: jit.Float,
+    points: tuple[jit.Float, jit.Float],
     blur: Blur,
     plain: Blur,
     each: SmoothSlice,
@@ -174,12 +184,12 @@ def _splat_points(
     radius, share = (dr.gather(jit.Float, of, row) for of in (radius_of_row, share_of_row))
     own = dr.opaque(jit.Float, 1 / factor)
     places = []
-    for of, lens, first in (
-        (fragments.x[index], view.points[:, 0], box.left),
-        (fragments.y[index], view.points[:, 1], box.top),
+    for of, of_points, first in (
+        (fragments.x[index], points[0], box.left),
+        (fragments.y[index], points[1], box.top),
     ):
         middle = jit.from_numpy(jit.Float, of + np.float32(0.5))
-        u = dr.gather(jit.Float, as_column(lens.astype(np.float32)), point)
+        u = dr.gather(jit.Float, of_points, point)
         at = dr.fma(radius, u, dr.gather(jit.Float, middle, row)) * own - 0.5
         at -= dr.opaque(jit.Float, first)
         before_it = dr.floor(dr.detach(at))
