@@ -105,10 +105,10 @@ def _seen(
 
     That is what it sees, 0 to 1, times its weight.
     """
-    if view.seen.size == 0:
-        return jit.Float(0)
-    seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
     edges = view.edges
+    if view.seen.size == 0:
+        return jit.Float()
+    seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
 
     def parallax(vergence: jit.Float, radius: jit.Float) -> jit.Float:
         own, its = (dr.gather(jit.Float, vergence, of) for of in (edges.fragment, edges.occluder))
