@@ -57,14 +57,15 @@ class LensPoints:
         cls, aperture: Aperture, lens: ThinLens, samples: PointSamples, count: int, subpixels: int
     ) -> LensPoints:
         """``count`` points of the aperture, with ``subpixels`` on a side of a pixel."""
+        scale = -1 / np.array([lens.squeeze, 1])
         x, y = samples.camera.principal_point
         left, top = samples.window[:2]
         middle = ((x - left) * subpixels, (y - top) * subpixels)
         corner = math.hypot(*samples.camera.film_size) / 2 * subpixels
         whole_disc = aperture.is_round and lens.squeeze == 1 and lens.vignetting == 0
         return cls(
-            points_in_pictures(aperture, count, lens.squeeze),
-            points_in_pictures(aperture, HIGHLIGHT_POINTS * count, lens.squeeze),
+            aperture.points(count) * scale,
+            aperture.points(HIGHLIGHT_POINTS * count) * scale,
             0.0 if whole_disc else 1 / math.sqrt(HIGHLIGHT_POINTS * count),
             float(lens.squeeze),
             middle,
@@ -124,11 +125,6 @@ class LensPoints:
 
     def __hash__(self) -> int:
         return hash(self._identity)
-
-
-def points_in_pictures(aperture: Aperture, count: int, squeeze: float) -> np.ndarray:
-    """Points of an aperture as :class:`LensPoints` has them, float64 (count, 2)."""
-    return aperture.points(count) * (-1 / np.array([squeeze, 1]))
 
 
 def _dealt(points: np.ndarray, count: int, each: int) -> np.ndarray:

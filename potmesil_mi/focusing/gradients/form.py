@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import drjit as dr
-import numpy as np
 
 from ... import _backend as jit
 from ...optics.aperture import Aperture
@@ -19,7 +18,7 @@ from ..film import (
     reconstruct_channels,
     rows_and_columns,
 )
-from ..fragments import Fragments, as_column
+from ..fragments import Fragments
 from ..layered import Visibility, cropped, fineness_of, radius_of_view
 from ..lens_points import LensPoints
 from ..memo import Memo
@@ -50,8 +49,7 @@ def form(
     per_pixel = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * per_pixel), jit.Float(1 / lens.focus_distance))
     light = view.light(samples, subpixels)
-    points = opening.points(view.points, float(exposure.lens.squeeze))
-    seen = _seen(view, light, points, opening.weights(len(view.points)), blur)
+    seen = _seen(view, light, blur, opening.weights(len(view.points)))
     slices = plan(
         view,
         exposure.lens,
@@ -60,7 +58,7 @@ def form(
         exposure.subpixels_per_mm,
         fineness_of(exposure, how.exact),
     )
-    spread = [_spread(view, light, seen, points, blur, plain, each) for each in slices]
+    spread = [_spread(view, light, seen, blur, plain, each) for each in slices]
     density = view.gathering.density
     crop = exposure.crop
     its_gradient = None
@@ -94,16 +92,10 @@ def _view(exposure: Exposure, memo: Memo, how: Visibility, aperture: Aperture) -
     return memo.get(key, lambda: SmoothView.of(samples, subpixels, radius, points, exposure.alpha))
 
 
-def _seen(
-    view: SmoothView,
-    light: Light,
-    points: tuple[jit.Float, jit.Float],
-    weights: jit.Float | None,
-    blur: Blur,
-) -> jit.Float:
-    """What each of the ``points`` shows of each occluded fragment, lane by lane.
+def _seen(view: SmoothView, light: Light, blur: Blur, weights: jit.Float | None) -> jit.Float:
+    """What each lens point shows of each occluded fragment, lane by lane.
 
-    That is what it sees, 0 to 1, times its weight.
+    That is what it sees, 0 to 1, times what it counts, if the points have ``weights``.
     """
     edges = view.edges
     if view.seen.size == 0:
@@ -115,34 +107,20 @@ def _seen(
         return radius * (own - its)
 
     known = parallax(view.plain.vergence, dr.opaque(jit.Float, view.radius_per_vergence))
-    moved = parallax(light.vergence, blur.radius_per_vergence)
-    change = jit.Float(0)
-    for change_of_step, of_points, axis in (
-        (edges.across, points[0], 0),
-        (edges.down, points[1], 1),
-    ):
-        here = as_column(view.points[:, axis].astype(np.float32))
-        place, before = (dr.gather(jit.Float, of, edges.point) for of in (of_points, here))
-        change += change_of_step * (moved * place - known * before)
+    moved = parallax(light.vergence, blur.radius_per_vergence) - known
     dr.eval(seen)
-    dr.scatter_add(seen, change, edges.lane, mode=dr.ReduceMode.Direct)
+    dr.scatter_add(seen, moved * edges.along, edges.lane, mode=dr.ReduceMode.Direct)
     if weights is None:
         return seen
-    count = dr.opaque(jit.UInt32, len(view.points))
-    return seen * dr.gather(jit.Float, weights, dr.arange(jit.UInt32, view.seen.size) % count)
+    point = dr.arange(jit.UInt32, view.seen.size) % dr.opaque(jit.UInt32, len(view.points))
+    return seen * dr.gather(jit.Float, weights, point)
 
 
 def _spread(
-    view: SmoothView,
-    light: Light,
-    seen: jit.Float,
-    points: tuple[jit.Float, jit.Float],
-    blur: Blur,
-    plain: Blur,
-    each: SmoothSlice,
+    view: SmoothView, light: Light, seen: jit.Float, blur: Blur, plain: Blur, each: SmoothSlice
 ) -> Spread:
     """The light of a slice."""
-    parts = [light_of(images) for images in splat(view, light, seen, points, blur, plain, each)]
+    parts = [light_of(images) for images in splat(view, light, seen, blur, plain, each)]
     colours = parts[0][0] if len(parts) == 1 else parts[0][0] + parts[1][0]
     alpha = parts[0][1]
     if alpha is not None and len(parts) > 1:

@@ -8,7 +8,9 @@ kernels are linear but for what the whole lets through, the exact one and its tr
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -17,7 +19,7 @@ import numpy as np
 import scipy.spatial
 
 from ... import _backend as jit
-from ...optics.aperture import FINE_RADIUS, POINTS_MAP, Aperture
+from ...optics.aperture import FINE_RADIUS, Aperture
 from ...optics.attached import DifferentiableAperture
 from ...optics.disc import Disc
 from ...optics.image_aperture import ImageAperture, Overlap, outside_circle
@@ -30,8 +32,10 @@ from ..kernels import (
     fitted_row_slope,
     scale_without,
 )
-from ..lens_points import points_in_pictures
 from ..small_circles import RADII_IN_CELLS, centred, of_impulses, responses_in_double
+
+CELLS_RADIUS = 64.0
+"""Radius in pixels of the kernel that tells how much light goes through around lens points."""
 
 
 class Slope(Protocol):
@@ -67,6 +71,10 @@ class Opening:
     ``psf``                       that of kernels, of plain numbers
     ``seen_from``                 the aperture from whose points visibility is found
     ============================  ==========================================================
+
+    Points of an aperture jump, or what they see does, where its parameters change. So visibility is
+    found from points all over the circle if there are gradients, and what each of them counts
+    changes smoothly.
     """
 
     def __init__(self, psf: PointSpreadFunction, seen_from: Aperture) -> None:
@@ -82,13 +90,8 @@ class Opening:
         """The numbers of the ``responses`` of :func:`.responses_of`."""
         return as_column(responses)
 
-    def points(self, points: np.ndarray, squeeze: float) -> tuple[jit.Float, jit.Float]:
-        """Across and down, (M,) each, the ``points``, float64 (M, 2), of :class:`LensPoints`."""
-        across, down = (as_column(of) for of in points.astype(np.float32).T)
-        return across, down
-
     def weights(self, count: int) -> jit.Float | None:
-        """How much light each of ``count`` points lets through, 1 on the average."""
+        """How much light goes through around each of ``count`` points, 1 on the average."""
         return None
 
 
@@ -97,6 +100,14 @@ def opening_of(psf: PointSpreadFunction) -> Opening:
     if isinstance(psf, DifferentiableAperture) and psf.attached:
         return _Picture(psf) if isinstance(psf, ImageAperture) else _Numbers(psf)
     return Opening(psf, aperture_behind(psf))
+
+
+@functools.lru_cache(maxsize=8)
+def _nearest_points(count: int) -> np.ndarray:
+    """Which of the points of a disc is nearest to each pixel of a kernel of ``CELLS_RADIUS``."""
+    place = (np.arange(2 * math.ceil(CELLS_RADIUS) + 1) - math.ceil(CELLS_RADIUS)) / CELLS_RADIUS
+    places = np.stack(np.meshgrid(place, place), axis=-1)
+    return np.asarray(scipy.spatial.cKDTree(Disc().points(count)).query(places)[1])
 
 
 class _Attach(dr.CustomOp):
@@ -152,7 +163,8 @@ class _Numbers(Opening):
 
     def __init__(self, psf: DifferentiableAperture) -> None:
         aperture = psf.smooth()
-        super().__init__(aperture, aperture)
+        super().__init__(aperture, Disc())
+        self._aperture = aperture
         self._parameters = dr.concat(list(psf.attached.values()))
         self._steps = []
         for name in psf.attached:
@@ -199,13 +211,15 @@ class _Numbers(Opening):
         slope = self._slope(lambda aperture: responses_in_double(aperture, squeeze, degree))
         return _attached(self._parameters, responses.ravel(), slope)
 
-    def points(self, points: np.ndarray, squeeze: float) -> tuple[jit.Float, jit.Float]:
-        """See :meth:`Opening.points`."""
-        count = len(points)
-        slope = self._slope(lambda aperture: points_in_pictures(aperture, count, squeeze).T)
-        both = _attached(self._parameters, points.T.ravel(), slope)
-        index = dr.arange(jit.UInt32, count)
-        return dr.gather(jit.Float, both, index), dr.gather(jit.Float, both, index + count)
+    def weights(self, count: int) -> jit.Float | None:
+        """See :meth:`Opening.weights`."""
+        nearest = _nearest_points(count)
+
+        def numbers(aperture: Aperture) -> np.ndarray:
+            kernel = aperture.circle_kernel(-CELLS_RADIUS)
+            return count * np.bincount(nearest.ravel(), kernel.ravel(), count)
+
+        return _attached(self._parameters, numbers(self._aperture), self._slope(numbers))
 
 
 def _difference(
@@ -384,11 +398,7 @@ class _SharesSlope(NamedTuple):
 
 
 class _Picture(Opening):
-    """The opening of an aperture that is a picture.
-
-    Its points would jump where the picture changes. So visibility is found from points all over
-    the circle, which count as much as the picture lets through around them.
-    """
+    """The opening of an aperture that is a picture."""
 
     def __init__(self, psf: ImageAperture) -> None:
         super().__init__(psf.without_gradients(), Disc())
@@ -478,13 +488,8 @@ class _Picture(Opening):
 
     def weights(self, count: int) -> jit.Float | None:
         """See :meth:`Opening.weights`."""
-        down, across = self._aperture.overlaps(-(POINTS_MAP - 1) / 2)
-        rows, columns = (
-            (np.arange(len(of.part)) - len(of.part) // 2) * 2 / (POINTS_MAP - 1)
-            for of in (down, across)
-        )
-        places = np.stack(np.meshgrid(columns, rows), axis=-1)
-        nearest = scipy.spatial.cKDTree(self.seen_from.points(count)).query(places)[1]
+        nearest = _nearest_points(count)
+        down, across = self._aperture.overlaps(-CELLS_RADIUS)
 
         def linear(picture: np.ndarray) -> np.ndarray:
             parts = down.part @ picture @ across.part.T

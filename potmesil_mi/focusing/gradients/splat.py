@@ -39,25 +39,18 @@ class _Between(NamedTuple):
 
 
 def splat(
-    view: SmoothView,
-    light: Light,
-    seen: jit.Float,
-    points: tuple[jit.Float, jit.Float],
-    blur: Blur,
-    plain: Blur,
-    each: SmoothSlice,
+    view: SmoothView, light: Light, seen: jit.Float, blur: Blur, plain: Blur, each: SmoothSlice
 ) -> list[SmoothImages]:
     """The images of a slice.
 
     ``blur`` may have gradients, ``plain`` has the same numbers without. ``seen`` is what each lens
-    point shows of each occluded fragment, 1 where all do alike; ``points`` are these, across and
-    down.
+    point shows of each occluded fragment, 1 on the average where all see it.
     """
     images = []
     if each.unoccluded.start < each.unoccluded.stop:
         images.append(_splat_circles(view, light, blur, plain, each))
     if each.occluded.start < each.occluded.stop:
-        images.append(_splat_points(view, light, seen, points, blur, plain, each))
+        images.append(_splat_points(view, light, seen, blur, plain, each))
     return images
 
 
@@ -163,7 +156,6 @@ def _splat_points(
     view: SmoothView,
     light: Light,
     seen: jit.Float,
-    points: tuple[jit.Float, jit.Float],
     blur: Blur,
     plain: Blur,
     each: SmoothSlice,
@@ -184,12 +176,12 @@ def _splat_points(
     radius, share = (dr.gather(jit.Float, of, row) for of in (radius_of_row, share_of_row))
     own = dr.opaque(jit.Float, 1 / factor)
     places = []
-    for of, of_points, first in (
-        (fragments.x[index], points[0], box.left),
-        (fragments.y[index], points[1], box.top),
+    for of, lens, first in (
+        (fragments.x[index], view.points[:, 0], box.left),
+        (fragments.y[index], view.points[:, 1], box.top),
     ):
         middle = jit.from_numpy(jit.Float, of + np.float32(0.5))
-        u = dr.gather(jit.Float, of_points, point)
+        u = dr.gather(jit.Float, as_column(lens.astype(np.float32)), point)
         at = dr.fma(radius, u, dr.gather(jit.Float, middle, row)) * own - 0.5
         at -= dr.opaque(jit.Float, first)
         before_it = dr.floor(dr.detach(at))

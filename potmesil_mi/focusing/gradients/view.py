@@ -48,17 +48,14 @@ class Light(NamedTuple):
 class EdgeColumns(NamedTuple):
     """Edges, see :class:`.edges.Edges`, of occluded fragments.
 
-    ``lane`` is the pair of an occluded fragment and a lens point, ``point`` that point; ``across``
-    and ``down`` are the change of what is seen for each subpixel by which the fragment moves before
-    its occluder.
+    ``lane`` is the pair of an occluded fragment and a lens point, ``along`` the change of what is
+    seen for each subpixel of parallax by which the fragment moves before its occluder.
     """
 
     lane: jit.UInt32
     fragment: jit.UInt32
     occluder: jit.UInt32
-    point: jit.UInt32
-    across: jit.Float
-    down: jit.Float
+    along: jit.Float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,8 +118,9 @@ class SmoothView:
         unoccluded = all_seen & ~has_edge
         occluded = ~unoccluded & (some_seen | has_edge)
         row = np.cumsum(occluded) - 1
+        along = across * points[point, 0] + down * points[point, 1]
         if lens_points.has_rim:
-            across, down = (of * inside[fragment, point] for of in (across, down))
+            along *= inside[fragment, point]
         return cls(
             gathering,
             np.flatnonzero(unoccluded),
@@ -132,9 +130,7 @@ class SmoothView:
                 jit.from_numpy(jit.UInt32, row[fragment] * len(points) + point),
                 jit.from_numpy(jit.UInt32, fragment),
                 jit.from_numpy(jit.UInt32, occluder),
-                jit.from_numpy(jit.UInt32, point),
-                as_column(across),
-                as_column(down),
+                jit.from_numpy(jit.Float, along.astype(np.float32)),
             ),
             points,
             radius_per_vergence,
@@ -146,7 +142,7 @@ class SmoothView:
         """Memory in bytes."""
         fragments = self.gathering.fragments
         columns = (self.gathering.sum_of_sample, self.seen, self.unoccluded, self.occluded)
-        return 2 * (fragments.nbytes + sum(of.nbytes for of in columns)) + 24 * dr.width(
+        return 2 * (fragments.nbytes + sum(of.nbytes for of in columns)) + 16 * dr.width(
             self.edges.lane
         )
 
