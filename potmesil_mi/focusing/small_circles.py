@@ -43,7 +43,7 @@ NEAR = 1.0
 FINER = 16
 """Cells in a subpixel in which it is found out how light is spread."""
 
-RADII_IN_CELLS = np.arange(-LEVELS, LEVELS + 1) * STEP * FINER
+RADII_IN_CELLS = tuple(level * STEP * FINER for level in range(-LEVELS, LEVELS + 1))
 """All the radii, in cells."""
 
 

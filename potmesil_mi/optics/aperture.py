@@ -29,7 +29,7 @@ SHARP = 1e-6
 """Least radius of a circle of confusion, in pixels: a sharp point is a circle of it."""
 
 FINE_RADIUS = 128
-"""Radius, in pixels, of the kernel in which the variances of an aperture are measured."""
+"""Radius, in pixels, of the profiles in which the variances of an aperture are measured."""
 
 POINTS_MAP = 256
 """Elements on a side of the picture of an aperture from which its points are drawn, where the
@@ -162,9 +162,8 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
     @functools.cached_property
     def variances(self) -> tuple[float, float]:
         """Variances of what the aperture lets through, across and down, in radii squared."""
-        kernel = self.upright_kernel(float(FINE_RADIUS), 1.0, np.array([0.5, 0.5]), None)
-        places = (np.arange(len(kernel)) - len(kernel) // 2) / FINE_RADIUS
-        weights = kernel.sum(axis=0), kernel.sum(axis=1)
+        (weights,) = self.profiles([-FINE_RADIUS])
+        places = (np.arange(len(weights[0])) - len(weights[0]) // 2) / FINE_RADIUS
         across, down = (float(w @ places**2 - (w @ places) ** 2) for w in weights)
         return across, down
 

@@ -33,10 +33,10 @@ class DifferentiableAperture(Aperture):
     )
 
     steps: ClassVar[Mapping[str, float]] = {}
-    """Parameters that are numbers, and a step of each in which nothing changes but linearly, as far
-    as float32 can tell, and much more than rounding in float64 does."""
+    """Parameters that are numbers, and a step of each: so small that what is made of the aperture
+    changes linearly, and so large that it changes by much more than it is rounded in float64."""
 
-    def smooth(self) -> Aperture:
+    def smooth(self) -> DifferentiableAperture:
         """The same aperture without gradients, of a shape that is smooth in what has some."""
         return self.without_gradients()
 

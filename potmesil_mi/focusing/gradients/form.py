@@ -6,9 +6,11 @@ import drjit as dr
 
 from ... import _backend as jit
 from ...optics.aperture import Aperture
+from ...optics.attached import DifferentiableAperture
 from ...optics.blur import Blur
+from ...optics.image_aperture import ImageAperture
 from ...optics.lens import ThinLens
-from ...optics.psf import PointSpreadFunction
+from ...optics.psf import PointSpreadFunction, aperture_behind
 from ...samples.raster import Window
 from ..exposure import Exposure
 from ..film import (
@@ -23,7 +25,9 @@ from ..layered import Visibility, cropped, fineness_of, radius_of_view
 from ..lens_points import LensPoints
 from ..memo import Memo
 from .composite import Spread, composite
-from .opening import opening_of
+from .opening import Opening
+from .opening_of_numbers import OpeningOfNumbers
+from .opening_of_picture import OpeningOfPicture
 from .slices import SmoothSlice, plan
 from .splat import splat
 from .spread import light_of
@@ -43,7 +47,7 @@ def form(
     ``lens`` and ``psf`` are those of the ``exposure``, with their gradients.
     """
     samples, subpixels = exposure.samples, exposure.subpixels
-    opening = opening_of(psf)
+    opening = _opening(psf)
     view = _view(exposure, memo, how, opening.seen_from)
     plain = exposure.blur
     per_pixel = samples.camera.focal_length_pixels * subpixels
@@ -74,6 +78,13 @@ def form(
     pixels = reconstruct_channels(fine, subpixels, rfilter)
     size = crop.height // subpixels, crop.width // subpixels, len(pixels)
     return jit.TensorXf(interleaved(pixels), size)
+
+
+def _opening(psf: PointSpreadFunction) -> Opening:
+    """The opening that ``psf`` is, attached to what has gradients of it."""
+    if isinstance(psf, DifferentiableAperture) and psf.attached:
+        return OpeningOfPicture(psf) if isinstance(psf, ImageAperture) else OpeningOfNumbers(psf)
+    return Opening(psf, aperture_behind(psf))
 
 
 def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float:
