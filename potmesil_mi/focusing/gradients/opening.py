@@ -23,8 +23,9 @@ from ...optics.psf import PointSpreadFunction
 from ..fragments import as_column
 from ..kernels import KernelFactory
 
-CELLS_RADIUS = 64.0
-"""Radius in pixels of the kernel that tells how much light goes through around lens points."""
+CELL_PIXELS = 20
+"""Pixels, at least, that lie around each lens point in the kernel that tells how much light goes
+through there."""
 
 
 class Slope(Protocol):
@@ -84,10 +85,16 @@ class Opening:
         return None
 
 
+def radius_of_cells(count: int) -> int:
+    """Radius in pixels of the kernel in which there are ``count`` points."""
+    return math.ceil(math.sqrt(CELL_PIXELS * count / math.pi))
+
+
 @functools.lru_cache(maxsize=8)
 def nearest_points(count: int) -> np.ndarray:
-    """Which of the points of a disc is nearest to each pixel of a kernel of ``CELLS_RADIUS``."""
-    place = (np.arange(2 * math.ceil(CELLS_RADIUS) + 1) - math.ceil(CELLS_RADIUS)) / CELLS_RADIUS
+    """Which of the points of a disc is nearest to each pixel of their kernel."""
+    radius = radius_of_cells(count)
+    place = np.arange(-radius, radius + 1) / radius
     places = np.stack(np.meshgrid(place, place), axis=-1)
     return np.asarray(scipy.spatial.cKDTree(Disc().points(count)).query(places)[1])
 

@@ -20,7 +20,7 @@ from ...optics.attached import DifferentiableAperture
 from ...optics.disc import Disc
 from ..kernels import KernelFactory
 from ..small_circles import responses_in_double
-from .opening import CELLS_RADIUS, AttachedKernels, Opening, as_image, attached, nearest_points
+from .opening import AttachedKernels, Opening, as_image, attached, nearest_points, radius_of_cells
 
 
 class _Matrix(NamedTuple):
@@ -102,7 +102,7 @@ class OpeningOfNumbers(Opening):
         nearest = nearest_points(count)
 
         def numbers(aperture: Aperture) -> np.ndarray:
-            kernel = aperture.circle_kernel(-CELLS_RADIUS)
+            kernel = aperture.circle_kernel(-radius_of_cells(count))
             return count * np.bincount(nearest.ravel(), kernel.ravel(), count)
 
         return attached(self._parameters, numbers(self._aperture), self._slope(numbers))

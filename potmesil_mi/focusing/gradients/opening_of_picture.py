@@ -21,13 +21,13 @@ from ..kernels import (
 )
 from ..small_circles import RADII_IN_CELLS, centred, of_impulses
 from .opening import (
-    CELLS_RADIUS,
     AttachedKernels,
     Opening,
     as_image,
     attached,
     nearest_points,
     parted,
+    radius_of_cells,
 )
 
 
@@ -270,7 +270,7 @@ class OpeningOfPicture(Opening):
     def weights(self, count: int) -> jit.Float | None:
         """See :meth:`Opening.weights`."""
         nearest = nearest_points(count)
-        down, across = self._aperture.overlaps(-CELLS_RADIUS)
+        down, across = self._aperture.overlaps(-radius_of_cells(count))
 
         def linear(picture: np.ndarray) -> np.ndarray:
             parts = down.part @ picture @ across.part.T

@@ -114,10 +114,14 @@ def error_of(found, expected):
     return np.linalg.norm(found - expected) / np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize("method", ["layered", "lightfield"])
 @pytest.mark.parametrize(
-    ("make", "parameter", "steps"),
-    [(rotated, 17.0, (0.25, 0.5)), (curved, 0.3, (0.005, 0.01)), (curved, 0.02, (0.005, 0.01))],
+    ("make", "parameter", "steps", "method"),
+    [
+        (rotated, 17.0, (0.25, 0.5), "layered"),
+        (curved, 0.3, (0.005, 0.01), "lightfield"),
+        # So straight that without gradients each blade is of one piece.
+        (curved, 0.02, (0.01,), "layered"),
+    ],
 )
 def test_derivatives_in_numbers_are_central_differences(make, parameter, steps, method):
     forward, reverse = derivative(make, parameter, method=method)
@@ -128,8 +132,9 @@ def test_derivatives_in_numbers_are_central_differences(make, parameter, steps, 
     assert reverse == pytest.approx(np.vdot(forward, WEIGHTS), rel=1e-5, abs=1e-7)
 
 
-@pytest.mark.parametrize("method", ["layered", "lightfield"])
-@pytest.mark.parametrize("aperture_radius", [0.02, 0.3])
+@pytest.mark.parametrize(
+    ("aperture_radius", "method"), [(0.02, "layered"), (0.3, "layered"), (0.3, "lightfield")]
+)
 def test_derivatives_in_a_picture_are_differences(aperture_radius, method):
     change = np.random.default_rng(1).random(heart().shape)
     options = {"method": method, "aperture_radius": aperture_radius}
@@ -193,10 +198,13 @@ def test_two_parameters_and_the_lens_have_gradients_together():
 # ---------------------------------------------------------------- operators
 
 
-def openings():
-    picture = with_gradient(np.random.default_rng(3).random((9, 7)))
-    both = pm.Polygon(5, with_gradient(17.0), with_gradient(0.3))
-    return [OpeningOfPicture(pm.ImageAperture(picture)), OpeningOfNumbers(both)]
+def opening_of(kind):
+    """An opening, and the arrays that have its gradients."""
+    if kind == "picture":
+        picture = with_gradient(np.random.default_rng(3).random((9, 7)))
+        return OpeningOfPicture(pm.ImageAperture(picture)), [picture.array]
+    both = with_gradient(17.0), with_gradient(0.3)
+    return OpeningOfNumbers(pm.Polygon(5, *both)), list(both)
 
 
 def numbers_made(opening, what):
@@ -204,7 +212,7 @@ def numbers_made(opening, what):
         return opening.weights(40)
     if what == "responses":
         return opening.responses(responses_of(opening.psf, 1.25, 2), 1.25)
-    lens = pm.ThinLens(50.0, 2.0, 2.0, squeeze=1.25)
+    lens = pm.ThinLens(50.0, 2.0, squeeze=1.25)
     factory = KernelFactory(lens, opening.psf, 1.0, 8.0, 0.5, -1.0, 1 / 6, (9, 9))
     radii = np.array([0.0, 0.7, 1.2, 3.1, 12.3])
     kernels = [factory.of_radius(radius) for radius in radii]
@@ -213,27 +221,25 @@ def numbers_made(opening, what):
 
 
 @pytest.mark.parametrize("what", ["kernels", "responses", "weights"])
-@pytest.mark.parametrize("which", [0, 1])
-def test_the_transpose_of_what_an_aperture_makes(which, what):
+@pytest.mark.parametrize("kind", ["picture", "numbers"])
+def test_the_transpose_of_what_an_aperture_makes(kind, what):
     """<A x, y> = <x, A' y>."""
     rng = np.random.default_rng(7)
-    opening = openings()[which]
-    parameters = opening._parameters
-    x = rng.normal(size=dr.width(parameters)).astype(np.float32)
+    opening, arrays = opening_of(kind)
+    x = [rng.normal(size=dr.width(of)).astype(np.float32) for of in arrays]
     numbers = numbers_made(opening, what)
     y = rng.normal(size=dr.width(numbers)).astype(np.float32)
-    dr.set_grad(parameters, mi.Float(x))
-    dr.forward_to(numbers, flags=dr.ADFlag.Default)
+    for array, along in zip(arrays, x, strict=True):
+        dr.set_grad(array, mi.Float(along))
+    dr.forward_to(numbers)
     forward = float(np.vdot(np.array(dr.grad(numbers), dtype=np.float64), y))
-    opening = openings()[which]
+    opening, arrays = opening_of(kind)
     dr.backward(dr.dot(numbers_made(opening, what), mi.Float(y)))
-    # Parameters are joined; the leaves before them have what belongs to each.
-    reverse = float(np.vdot(gradient_of(opening), x))
+    reverse = sum(
+        float(np.vdot(np.array(dr.grad(of), dtype=np.float64), along))
+        for of, along in zip(arrays, x, strict=True)
+    )
     assert forward == pytest.approx(reverse, rel=1e-5)
-
-
-def gradient_of(opening):
-    return np.array(dr.grad(opening._parameters), dtype=np.float64)
 
 
 def test_correlations_are_the_transpose_of_spreading():
@@ -314,5 +320,5 @@ def test_what_has_no_derivatives_is_refused(make, options, message):
 def test_vignetting_is_refused():
     samples = bar_before_lights(0.3)
     lens = samples.lens.replace(aperture=curved(with_gradient(0.5)), vignetting=0.3)
-    with pytest.raises(NotImplementedError, match="vignetting=0.3: .*curvature has gradients"):
+    with pytest.raises(NotImplementedError, match=r"vignetting=0\.3: .*curvature has gradients"):
         pm.focus(samples, lens)
