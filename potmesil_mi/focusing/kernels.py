@@ -221,7 +221,7 @@ def fitted_row_slope(row: np.ndarray, length: int) -> np.ndarray:
     """How a fitted ``row``, (n,), changes with what it is fitted to, float64 (n, ``length``).
 
     That is with the sums of the fine table, of so many elements on a side, along one of its axes.
-    Elements of the row that are 0, as they must not be negative, stay so.
+    What is 0 in the row, as it must not be negative, stays so.
     """
     response, amplitude = _responses_of_rows()
     middle = len(row) // 2

@@ -76,7 +76,7 @@ class Aperture(Spec, ABC, family="aperture", modules=MODULES):
     def attached(self) -> dict[str, Any]:
         """Dr.Jit arrays, in one dimension, of its parameters that have gradients, by their names.
 
-        Pictures have derivatives in those of a :class:`~.attached.DifferentiableAperture`.
+        Pictures have derivatives in these.
         """
         return {}
 

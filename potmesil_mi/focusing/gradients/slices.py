@@ -137,12 +137,9 @@ def _planned(
     )
     radii = np.abs(blur.radius(fragments.vergence))
     ends = float(radii.min()), float(radii.max())
-    is_sharp, small, psf = band.inner == 0, None, opening.psf
+    is_sharp, small = band.inner == 0, None
     if is_sharp:
-        ends = 0.0, ends[1]
-        if view.plain.detail is not None and is_plain(psf):
-            squeeze = float(lens.squeeze)
-            small = opening.responses(responses_of(psf, squeeze, view.plain.detail.degree), squeeze)
+        ends, small = (0.0, ends[1]), _small_circles(view, opening, float(lens.squeeze))
     circles, kernels, attached = np.zeros(1), [np.ones(1)], None
     if small is None:
         circles = circles_around(*ends, SMALLEST_CIRCLE, CIRCLES_AN_OCTAVE)
@@ -175,3 +172,11 @@ def _planned(
         cells,
         cell_kernels,
     )
+
+
+def _small_circles(view: SmoothView, opening: Opening, squeeze: float) -> jit.Float | None:
+    """The table of what subpixels get of small circles, if it can be used."""
+    detail, psf = view.plain.detail, opening.psf
+    if detail is None or not is_plain(psf):
+        return None
+    return opening.responses(responses_of(psf, squeeze, detail.degree), squeeze)
