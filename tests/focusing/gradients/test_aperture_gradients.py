@@ -149,6 +149,22 @@ def test_derivatives_in_a_picture_are_differences(aperture_radius, method):
     assert reverse == pytest.approx(np.vdot(forward, WEIGHTS), rel=1e-5)
 
 
+def test_alpha_has_derivatives_too():
+    samples = bar_before_lights(0.3)
+    alpha = np.where(samples.z > 2, 0.25, 1)
+    samples = samples.replace(alpha=alpha)
+
+    def covered(at):
+        curvature = with_gradient(at)
+        return curvature, pm.focus(samples, psf=curved(curvature), alpha=True)[..., 3]
+
+    curvature, picture = covered(0.3)
+    dr.forward(curvature)
+    found = np.array(dr.grad(picture), dtype=np.float64)
+    ends = [np.array(dr.detach(covered(at)[1]), dtype=np.float64) for at in (0.31, 0.29)]
+    assert error_of(found, (ends[0] - ends[1]) / 0.02) < 0.01
+
+
 def test_a_picture_has_gradients_in_its_circle_only_and_none_along_itself():
     picture = with_gradient(heart())
     dr.backward(dr.sum(focused(pm.ImageAperture(picture)) * mi.TensorXf(WEIGHTS), axis=None))
