@@ -75,7 +75,7 @@ class Polygon(DifferentiableAperture):
         return max(1, math.ceil(self.curvature * (2 * math.pi / self.blades) / ARC))
 
     def smooth(self) -> Polygon:
-        """See :meth:`DifferentiableAperture.smooth`."""
+        """See :meth:`.DifferentiableAperture.smooth`."""
         if "curvature" not in self.attached:
             return self.without_gradients()
         return _PolygonOfPieces(self.blades, self.rotation, self.curvature)

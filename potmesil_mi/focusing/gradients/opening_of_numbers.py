@@ -29,11 +29,11 @@ class _Matrix(NamedTuple):
     columns: np.ndarray
 
     def along(self, parameters: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         return self.columns @ parameters
 
     def back(self, numbers: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         return numbers @ self.columns
 
 
@@ -71,7 +71,7 @@ class OpeningOfNumbers(Opening):
     def kernels(
         self, factory: KernelFactory, radii: np.ndarray, kernels: Sequence[np.ndarray]
     ) -> AttachedKernels | None:
-        """See :meth:`Opening.kernels`."""
+        """See :meth:`.Opening.kernels`."""
         values, slopes, shapes = [], [], []
         for radius, here in zip(radii, kernels, strict=True):
             ends = [
@@ -92,13 +92,13 @@ class OpeningOfNumbers(Opening):
         return AttachedKernels(of_all, shapes)
 
     def responses(self, responses: np.ndarray, squeeze: float) -> jit.Float:
-        """See :meth:`Opening.responses`."""
+        """See :meth:`.Opening.responses`."""
         degree = responses.shape[2] - 1
         slope = self._slope(lambda aperture: responses_in_double(aperture, squeeze, degree))
         return attached(self._parameters, responses.ravel(), slope)
 
     def weights(self, count: int) -> jit.Float | None:
-        """See :meth:`Opening.weights`."""
+        """See :meth:`.Opening.weights`."""
         nearest = nearest_points(count)
 
         def numbers(aperture: Aperture) -> np.ndarray:

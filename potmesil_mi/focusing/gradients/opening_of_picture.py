@@ -149,12 +149,12 @@ class _KernelSlopes(NamedTuple):
     inside: np.ndarray
 
     def along(self, parameters: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         change = parameters.reshape(self.inside.shape) * self.inside
         return np.concatenate([of.along(change).ravel() for of in self.kernels])
 
     def back(self, numbers: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         parts = parted(numbers, [of.shape for of in self.kernels])
         total = np.zeros(self.inside.shape)
         for of, part in zip(self.kernels, parts, strict=True):
@@ -169,11 +169,11 @@ class _SharesSlope(NamedTuple):
     inside: np.ndarray
 
     def along(self, parameters: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         return self.shares.along(parameters.reshape(self.inside.shape) * self.inside).ravel()
 
     def back(self, numbers: np.ndarray) -> np.ndarray:
-        """See :class:`Slope`."""
+        """See :class:`.Slope`."""
         found = self.shares.back(numbers.reshape(self.shares.numbers.shape))
         return (found * self.inside).ravel()
 
@@ -193,7 +193,7 @@ class OpeningOfPicture(Opening):
     def kernels(
         self, factory: KernelFactory, radii: np.ndarray, kernels: Sequence[np.ndarray]
     ) -> AttachedKernels | None:
-        """See :meth:`Opening.kernels`."""
+        """See :meth:`.Opening.kernels`."""
         slopes = [
             self._of_kernel(factory, radius, kernel)
             for radius, kernel in zip(radii, kernels, strict=True)
@@ -248,7 +248,7 @@ class OpeningOfPicture(Opening):
         return total, table.back(slopes[0] + slopes[1][:, None])
 
     def responses(self, responses: np.ndarray, squeeze: float) -> jit.Float:
-        """See :meth:`Opening.responses`."""
+        """See :meth:`.Opening.responses`."""
         of_steps = of_impulses(responses.shape[2] - 1)
         pairs = [self._aperture.overlaps(radius, squeeze) for radius in RADII_IN_CELLS]
         of_columns, of_rows = (
@@ -268,7 +268,7 @@ class OpeningOfPicture(Opening):
         return self._attached_shares(shares)
 
     def weights(self, count: int) -> jit.Float | None:
-        """See :meth:`Opening.weights`."""
+        """See :meth:`.Opening.weights`."""
         nearest = nearest_points(count)
         down, across = self._aperture.overlaps(-radius_of_cells(count))
 
