@@ -22,7 +22,7 @@ from .exposure import FINE_SUBPIXELS, Exposure
 from .memo import Memo
 
 if TYPE_CHECKING:
-    from .._backend import TensorXf
+    from .. import _backend as jit
     from .film import FinePicture, ReconstructionFilter
     from .layered import Visibility
 
@@ -91,7 +91,7 @@ class Method(Spec, family="method"):
         lens: ThinLens,
         psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
-    ) -> TensorXf:
+    ) -> jit.TensorXf:
         """The picture of ``exposure`` in pixels, attached to what has gradients.
 
         ``lens`` and ``psf`` are those of the exposure, with their gradients. Raises
@@ -139,7 +139,7 @@ class _Visible(Method):
         lens: ThinLens,
         psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
-    ) -> TensorXf:
+    ) -> jit.TensorXf:
         """See :meth:`Method.form_attached`."""
         from .gradients.form import form
 
