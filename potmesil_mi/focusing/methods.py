@@ -88,12 +88,13 @@ class Method(Spec, family="method"):
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> jit.TensorXf:
         """The picture of ``exposure`` in pixels, attached to what has gradients.
 
-        ``lens`` is that of the exposure, with its gradients. Raises ``NotImplementedError`` for a
-        method that has no derivatives.
+        ``lens`` and ``psf`` are those of the exposure, with their gradients. Raises
+        ``NotImplementedError`` for a method that has no derivatives.
         """
         raise NotImplementedError(
             f"method={self.name}: has no derivatives, as layered and lightfield have; detach what "
@@ -135,12 +136,13 @@ class VisibleMethod(Method):
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> jit.TensorXf:
         """See :meth:`Method.form_attached`."""
         from .gradients.form import form
 
-        return form(exposure, memo, visibility_for(self, exposure), lens, rfilter)
+        return form(exposure, memo, visibility_for(self, exposure), lens, psf, rfilter)
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""

@@ -26,7 +26,7 @@ from ..optics.usable import require_usable_lens
 from ..samples.choosing import require_samples
 from ..samples.circles import FOCUS, in_units_of
 from ..samples.point_samples import PointSamples
-from .derivatives import has_gradients, require_derivatives
+from .derivatives import gradients_of, require_derivatives, without_gradients
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
@@ -135,6 +135,13 @@ def memo_of(samples: PointSamples) -> Memo:
         return _memos.setdefault(samples, Memo())
 
 
+class AttachedLens(NamedTuple):
+    """A lens, in the samples' units, and its point-spread function, with their gradients."""
+
+    lens: ThinLens
+    psf: PointSpreadFunction
+
+
 class Asked(NamedTuple):
     """What a picture is formed by, after everything that is given has been checked.
 
@@ -147,7 +154,8 @@ class Asked(NamedTuple):
     ``method``, ``subpixels``     how the picture is formed, and on how many on a side of a pixel
     ``rfilter``, ``alpha``        as ``potmesil_mi.focus`` has them
     ``filters``                   special effects
-    ``attached``                  the lens with its gradients, where something has some
+    ``attached``                  the lens and its ``psf`` with their gradients, where anything
+                                  has some
     ============================  ==========================================================
     """
 
@@ -159,7 +167,7 @@ class Asked(NamedTuple):
     rfilter: ReconstructionFilter | None
     alpha: bool
     filters: tuple[FilterFunction, ...]
-    attached: ThinLens | None = None
+    attached: AttachedLens | None = None
 
     def adapted(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
         """The samples that the lens is before, and the memo of these, which ``memo`` keeps."""
@@ -224,6 +232,7 @@ def asked(
     lens, picture_of = _thin_lens(samples, given)
     psf = lens.aperture if psf is None else psf
     _require_spreading(psf, rfilter)
+    names, given_psf, psf = gradients_of(samples, chosen, psf), psf, without_gradients(psf)
     require_flag("alpha", alpha)
     filters = as_filters(filters)
     method.check(lens)
@@ -238,9 +247,9 @@ def asked(
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     _require_hashable(channels)
     flag, attached = bool(alpha), None
-    if has_gradients(samples, chosen):
-        require_derivatives(samples, chosen, channels, filters, by_tiles=by_tiles)
-        attached = in_units_of(samples, chosen)
+    if names:
+        require_derivatives(names, samples, chosen, given_psf, channels, filters, by_tiles=by_tiles)
+        attached = AttachedLens(in_units_of(samples, chosen), given_psf)
     return Asked(lens, picture_of, channels, method, subpixels, rfilter, flag, filters, attached)
 
 
@@ -259,7 +268,7 @@ def form_picture(
     with forming:
         if wanted.attached is not None:
             exposure = wanted.exposures(samples)[0]
-            attached = method.form_attached(exposure, memo, wanted.attached, rfilter)
+            attached = method.form_attached(exposure, memo, *wanted.attached, rfilter)
             memo.trim()
             return attached
         owned = memo

@@ -13,6 +13,7 @@ import math
 import drjit as dr
 
 from .. import _backend as jit
+from ..optics.aperture import Aperture
 from ..optics.blur import Blur
 from ..optics.psf import aperture_behind
 from ..samples.point_samples import PointSamples
@@ -98,10 +99,12 @@ class Viewing:
     @functools.cached_property
     def lens_points(self) -> LensPoints:
         """The points of the lens."""
-        exposure, aperture = self.exposure, aperture_behind(self.exposure.psf)
-        return LensPoints.of(
-            aperture, exposure.lens, self.samples, self._how.lens_points, exposure.subpixels
-        )
+        return self.points_of(aperture_behind(self.exposure.psf))
+
+    def points_of(self, aperture: Aperture) -> LensPoints:
+        """As many points of the lens, with another aperture."""
+        exposure, count = self.exposure, self._how.lens_points
+        return LensPoints.of(aperture, exposure.lens, self.samples, count, exposure.subpixels)
 
     @property
     def diffracts(self) -> bool:
