@@ -91,6 +91,8 @@ def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
 
 def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
     """What each lens point sees of each occluded fragment, 0 to 1, lane by lane."""
+    if view.seen.size == 0:
+        return jit.Float()
     seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
     edges = view.edges
 

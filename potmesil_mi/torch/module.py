@@ -1,0 +1,103 @@
+"""A lens that learns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch.nn.utils import parametrize
+
+from .._validation import require_choice, require_kind, require_number, shown
+from ..optics.lens import FULL_FRAME_WIDTH, ThinLens
+from .api import focus
+
+LEARNED = ("focus_distance", "f_number")
+"""The parameters of a lens that may be learned."""
+
+
+class Above(torch.nn.Module):
+    """Numbers above a bound, as the bound and the exponential of any number."""
+
+    def __init__(self, bound: float) -> None:
+        super().__init__()
+        self.bound = bound
+
+    def forward(self, unbounded: torch.Tensor) -> torch.Tensor:
+        """The number above the bound."""
+        return self.bound + unbounded.exp()
+
+    def right_inverse(self, value: torch.Tensor) -> torch.Tensor:
+        """The number of which it is made. Raises ``ValueError`` for one not above the bound."""
+        if not bool(((value > self.bound) & value.isfinite()).all()):
+            raise ValueError(f"{shown(value.tolist())}: must be > {self.bound:g} and finite")
+        return (value - self.bound).log()
+
+
+class Lens(torch.nn.Module):
+    """A thin lens that learns where it is focused, and its f-number.
+
+    ============================  ==========================================================
+    Parameter                     Meaning
+    ============================  ==========================================================
+    ``focus_distance``            to begin with, in scene units, finite, beyond the focal length
+    ``f_number``                  to begin with, > 0 and finite
+    ``focal_length``              in millimetres, > 0; it is not learned
+    ``frame_width``               width of the film in millimetres, > 0 (default 36)
+    ``millimeters_per_unit``      size of a scene unit, > 0 (default 1: distances in
+                                  millimetres; 1000 for depth in metres)
+    ``learn``                     which of ``focus_distance`` and ``f_number`` are learned
+                                  (default: both); the others have no ``requires_grad``
+    ``options``                   all else that :func:`focus` has, such as ``aperture``
+    ============================  ==========================================================
+
+    ``lens(rgb, depth)`` is :func:`focus`. What it learns are log(U - F) and log(n), of the focus
+    distance U beyond the focal length F and the f-number n, by ``torch.nn.utils.parametrize``: no
+    step of an optimiser leaves what is allowed, and one of 0.01 changes them by about 1 %.
+    ``lens.focus_distance`` and ``lens.f_number`` are U and n, and can be set. Raises ``ValueError``
+    or ``TypeError`` that names the parameter.
+    """
+
+    focus_distance: torch.Tensor
+    f_number: torch.Tensor
+
+    def __init__(
+        self,
+        focus_distance: float,
+        f_number: float,
+        *,
+        focal_length: float,
+        frame_width: float = FULL_FRAME_WIDTH,
+        millimeters_per_unit: float = 1.0,
+        learn: Sequence[str] = LEARNED,
+        **options: Any,
+    ) -> None:
+        super().__init__()
+        for name, value in (("focus_distance", focus_distance), ("f_number", f_number)):
+            require_number(name, value)
+        require_kind("learn", learn, (list, tuple), f"a list of names, of {', '.join(LEARNED)}")
+        for name in learn:
+            require_choice("learn", name, LEARNED)
+        self.view = {
+            "focal_length": focal_length,
+            "frame_width": frame_width,
+            "millimeters_per_unit": millimeters_per_unit,
+        }
+        self.options = options
+        ThinLens(f_number=f_number, focus_distance=focus_distance, **self.view)  # It checks them.
+        bounds = {"focus_distance": focal_length / millimeters_per_unit, "f_number": 0.0}
+        for name, value in (("focus_distance", focus_distance), ("f_number", f_number)):
+            number = torch.nn.Parameter(torch.tensor(float(value)), requires_grad=name in learn)
+            self.register_parameter(name, number)
+            parametrize.register_parametrization(self, name, Above(bounds[name]))
+
+    def forward(self, rgb: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
+        """The pictures (B, 3, H, W) of ``rgb`` and ``depth``: see :func:`focus`."""
+        return focus(rgb, depth, self.focus_distance, self.f_number, **self.view, **self.options)
+
+    def extra_repr(self) -> str:
+        """What the lens is now, and whatever does not change."""
+        shown_now = {name: getattr(self, name).item() for name in LEARNED}
+        parts = {**shown_now, **self.view, **self.options}
+        return ", ".join(f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
+                         for name, value in parts.items())
