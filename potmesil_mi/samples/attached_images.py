@@ -3,48 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import _backend as jit
 from .._validation import shown
-from .image_layers import Layers
-
-if TYPE_CHECKING:
-    from .images import Described
+from ..optics.depth import DepthKind
+from .image_layers import LayeredImage
 
 
 def attached_columns(
     given: Mapping[str, tuple[Any, np.ndarray]],
-    columns: Mapping[str, Any],
-    layers: Layers,
-    described: Described,
+    image: LayeredImage,
+    depth_kind: DepthKind | None,
+    depth_scale: float | None,
 ) -> dict[str, Any]:
     """Columns of samples that are attached to the ``rgb`` and the ``depth`` of an image.
 
     ``given`` has those that have gradients: Dr.Jit arrays, (H W C,) and (H W,), and their numbers,
-    of which ``columns`` and ``layers`` were made. Which samples there are, what is
+    of which ``image`` was made. Which samples there are, what is
     hidden and where, depends on the depth by steps, and has no derivative. Raises
     ``NotImplementedError`` that names what else has none.
     """
     attached = {}
     if "rgb" in given:
-        if layers.light_of is None:
+        if image.light_of is None:
             raise NotImplementedError(
                 "antialiased=True: colours of parts of pixels have no derivatives, and rgb has "
                 "gradients enabled; antialiased=False leaves pixels whole"
             )
         rgb, numbers = given["rgb"]
-        attached.update(_light(rgb, layers.light_of, numbers.shape[2]))
+        attached.update(_light(rgb, image.light_of, numbers.shape[2]))
     if "depth" in given:
-        if described.depth_kind != "z":
+        if depth_kind != "z":
             raise NotImplementedError(
-                f"depth_kind={shown(described.depth_kind)}: has no derivatives, and depth has "
+                f"depth_kind={shown(depth_kind)}: has no derivatives, and depth has "
                 "gradients enabled; turn it into the depth along the axis (z) before"
             )
         depth, _ = given["depth"]
-        attached["z"] = _depth(depth, layers.depth_of, columns["z"], described.depth_scale)
+        attached["z"] = _depth(depth, image.depth_of, image.columns["z"], depth_scale)
     return attached
 
 

@@ -19,7 +19,7 @@ BRIGHTEST = float(np.finfo(np.float32).max)
 HIDDEN: tuple[Hidden, ...] = get_args(Hidden)
 
 
-class Layers(NamedTuple):
+class LayeredImage(NamedTuple):
     """The columns of N samples of a picture, and the pixels whose depth and light they copy, (N,).
 
     ``light_of`` is ``None`` where pixels were parted: their parts have colours of their own.
@@ -36,7 +36,7 @@ def with_layers(
     radius_per_vergence: float,
     antialiased: bool,
     hidden: Hidden,
-) -> Layers:
+) -> LayeredImage:
     """The columns of one sample a pixel, row by row, with those of its parts and of what is hidden.
 
     ``z``, (H, W), are their depths; a lens of that ``radius_per_vergence``, in pixels, is to see
@@ -50,7 +50,7 @@ def with_layers(
 
     if radius_per_vergence <= 0:
         pixels = np.arange(z.size)
-        return Layers(columns, pixels, pixels)
+        return LayeredImage(columns, pixels, pixels)
     count = z.size
     light = np.column_stack([columns["rgb"], columns["alpha"]]).astype(np.float64)
     weight, weight_behind, of_farther = np.ones(count), np.ones(count), light.copy()
@@ -114,7 +114,7 @@ def _joined(
     weight: np.ndarray,
     middle: np.ndarray,
     added: list[_Added],
-) -> Layers:
+) -> LayeredImage:
     """The columns with what is ``added``, and with the other ones of their own."""
     at = np.concatenate([np.arange(len(weight)), *(of.at for of in added)])
     source = np.concatenate([np.arange(len(weight)), *(of.source for of in added)])
@@ -131,4 +131,4 @@ def _joined(
         "weight": np.concatenate([weight, *(of.weight for of in added)]),
         "layer": np.concatenate([np.zeros(len(weight), np.uint8), *(of.layer for of in added)]),
     }
-    return Layers(joined, source, None)
+    return LayeredImage(joined, source, None)

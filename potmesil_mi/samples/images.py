@@ -38,7 +38,7 @@ from ..pictures.programs import KnownDepth
 from .attached import taken_from
 from .columns import MOST_IDS
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
-from .image_layers import HIDDEN, Hidden, Layers, with_layers
+from .image_layers import HIDDEN, Hidden, LayeredImage, with_layers
 from .picture_optics import camera_and_lens, given_fov, require_fitting
 from .provenance import file_name, widest_of
 
@@ -110,7 +110,7 @@ class SampledImage(NamedTuple):
     surfaces: Mapping[int, str]
     columns: dict[str, Any]
     program: str | None = None
-    layers: Layers | None = None
+    layers: LayeredImage | None = None
 
 
 def fields_of(rgb: Any, depth: Any, described: Described) -> dict[str, Any]:
@@ -137,7 +137,8 @@ def fields_of(rgb: Any, depth: Any, described: Described) -> dict[str, Any]:
         from .attached_images import attached_columns  # It needs Dr.Jit.
 
         assert image.layers is not None
-        columns = columns | attached_columns(attached, columns, image.layers, described)
+        kind, scale = described.depth_kind, described.depth_scale
+        columns = columns | attached_columns(attached, image.layers, kind, scale)
     return {
         **columns,
         "camera": image.camera,

@@ -99,10 +99,8 @@ def focus(
         rfilter,
     )
     tensors: list[Any] = [rgb.to(torch.float32), depth.to(torch.float32), *parameters.values()]
-    attached = ()
+    attached: tuple[str, ...] = ()
     if torch.is_grad_enabled():
-        attached = tuple(
-            name for name, of in zip(NAMES, tensors, strict=True) if of.requires_grad
-        )
+        attached = tuple(name for name, of in zip(NAMES, tensors, strict=True) if of.requires_grad)
     pictures = Focus.apply(options, attached, *tensors)
     return pictures.to(torch.promote_types(rgb.dtype, torch.float32))

@@ -27,6 +27,7 @@ class Focus(torch.autograd.Function):
     def forward(
         ctx: Any, options: Options, attached: Sequence[str], *tensors: torch.Tensor
     ) -> torch.Tensor:
+        """The pictures, attached to what the names in ``attached`` say."""
         formed = _form_each(options, attached, tensors)
         if attached:
             keeper = torch.empty(0)
@@ -37,6 +38,7 @@ class Focus(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        """The gradients of all that was given, for that of the pictures."""
         keeper, *tensors = ctx.saved_tensors
         formed = getattr(keeper, "formed", None)
         if formed is None:

@@ -25,7 +25,7 @@ NAMES = ("rgb", "depth", *PARAMETERS)
 """All that is differentiable, in the order in which it is given."""
 
 _warned_of: set[str] = set()
-"""What users have been warned of. Layers are called over and over, and each is told once."""
+"""What users have been warned of: a network calls over and over, and each is told once."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +108,8 @@ def form(
             else:
                 leaves[name] = jit.Float(parameters[name])
         dr.enable_grad(leaves)
-    plain = ThinLens(**parameters, **options.fixed)
+    given: dict[str, Any] = {**parameters, **options.fixed}
+    plain = ThinLens(**given)
     samples = PointSamples.from_image(
         _image(rgb, leaves.get("rgb")),
         _image(depth, leaves.get("depth")),

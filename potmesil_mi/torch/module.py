@@ -19,9 +19,9 @@ LEARNED = ("focus_distance", "f_number")
 class Above(torch.nn.Module):
     """Numbers above a bound, as the bound and the exponential of any number."""
 
-    def __init__(self, bound: float) -> None:
+    def __init__(self, name: str, bound: float) -> None:
         super().__init__()
-        self.bound = bound
+        self.name, self.bound = name, bound
 
     def forward(self, unbounded: torch.Tensor) -> torch.Tensor:
         """The number above the bound."""
@@ -30,7 +30,9 @@ class Above(torch.nn.Module):
     def right_inverse(self, value: torch.Tensor) -> torch.Tensor:
         """The number of which it is made. Raises ``ValueError`` for one not above the bound."""
         if not bool(((value > self.bound) & value.isfinite()).all()):
-            raise ValueError(f"{shown(value.tolist())}: must be > {self.bound:g} and finite")
+            raise ValueError(
+                f"{self.name}={shown(value.tolist())}: must be > {self.bound:g} and finite"
+            )
         return (value - self.bound).log()
 
 
@@ -78,26 +80,30 @@ class Lens(torch.nn.Module):
         require_kind("learn", learn, (list, tuple), f"a list of names, of {', '.join(LEARNED)}")
         for name in learn:
             require_choice("learn", name, LEARNED)
-        self.view = {
-            "focal_length": focal_length,
-            "frame_width": frame_width,
-            "millimeters_per_unit": millimeters_per_unit,
+        lens = ThinLens(
+            focal_length,
+            f_number,
+            focus_distance,
+            frame_width=frame_width,
+            millimeters_per_unit=millimeters_per_unit,
+        )
+        self.options = {
+            "focal_length": lens.focal_length,
+            "frame_width": lens.frame_width,
+            "millimeters_per_unit": lens.millimeters_per_unit,
+            **options,
         }
-        self.options = options
-        ThinLens(f_number=f_number, focus_distance=focus_distance, **self.view)  # It checks them.
-        bounds = {"focus_distance": focal_length / millimeters_per_unit, "f_number": 0.0}
-        for name, value in (("focus_distance", focus_distance), ("f_number", f_number)):
-            number = torch.nn.Parameter(torch.tensor(float(value)), requires_grad=name in learn)
-            self.register_parameter(name, number)
-            parametrize.register_parametrization(self, name, Above(bounds[name]))
+        bounds = {"focus_distance": lens.focal_length / lens.millimeters_per_unit, "f_number": 0.0}
+        for name, bound in bounds.items():
+            number = torch.tensor(float(getattr(lens, name)))
+            self.register_parameter(name, torch.nn.Parameter(number, requires_grad=name in learn))
+            parametrize.register_parametrization(self, name, Above(name, bound))
 
     def forward(self, rgb: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
         """The pictures (B, 3, H, W) of ``rgb`` and ``depth``: see :func:`focus`."""
-        return focus(rgb, depth, self.focus_distance, self.f_number, **self.view, **self.options)
+        return focus(rgb, depth, self.focus_distance, self.f_number, **self.options)
 
     def extra_repr(self) -> str:
-        """What the lens is now, and whatever does not change."""
-        shown_now = {name: getattr(self, name).item() for name in LEARNED}
-        parts = {**shown_now, **self.view, **self.options}
-        return ", ".join(f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
-                         for name, value in parts.items())
+        """What the lens is now, and what does not change."""
+        now = {name: f"{getattr(self, name).item():g}" for name in LEARNED}
+        return ", ".join(f"{name}={value}" for name, value in {**now, **self.options}.items())
