@@ -6,12 +6,13 @@ from typing import Any
 
 import torch
 
+from .._validation import require_choice, require_flag
 from ..focusing.film import ReconstructionFilter
 from ..focusing.methods import Method, MethodName, method_of
 from ..optics.aperture import Aperture
 from ..optics.disc import Disc
 from ..optics.lens import FULL_FRAME_WIDTH
-from ..samples.image_layers import Hidden
+from ..samples.image_layers import HIDDEN, Hidden
 from .arguments import for_each_picture, require_pictures
 from .autograd import Focus
 from .forming import NAMES, Options
@@ -85,6 +86,8 @@ def focus(
         distance.grad
     """
     require_pictures(rgb, depth)
+    require_choice("hidden", hidden, HIDDEN)
+    require_flag("antialiased", antialiased)
     given = {"focus_distance": focus_distance, "f_number": f_number, "focal_length": focal_length}
     parameters = {name: for_each_picture(name, value, len(rgb)) for name, value in given.items()}
     options = Options(
