@@ -89,12 +89,15 @@ class Detail:
         )
         return Detail(colours, alpha)
 
-    def evened(self, fragments: Fragments, scale: np.ndarray | None) -> Detail:
+    def evened(
+        self, fragments: Fragments, scale: np.ndarray | None, values: jit.Float | None = None
+    ) -> Detail:
         """The detail of each of the ``fragments``, in their order.
 
         It is multiplied by ``scale``, (height * width,), of their subpixels. What chance adds to
         one side of a subpixel is no detail: of all light, the part that the moments of what the
-        pinhole sees have of its share is taken away.
+        pinhole sees have of its share is taken away. ``values`` are RGB and share of the fragments
+        where they have gradients.
         """
         assert fragments.detail is not None
         row = jit.from_numpy(jit.Int32, fragments.detail)
@@ -104,7 +107,9 @@ class Detail:
         if scale is not None:
             times = dr.gather(jit.Float, as_column(scale.astype(np.float32)), subpixel)
         first = jit.from_numpy(jit.Bool, fragments.first) & known
-        own = dr.unravel(jit.Array4f, as_column(fragments.values[:, : SHARE + 1]))
+        if values is None:
+            values = as_column(fragments.values[:, : SHARE + 1])
+        own = dr.unravel(jit.Array4f, values)
         colours, alpha = [], []
         for term, column in enumerate(self.colours):
             moment = dr.gather(jit.Array4f, column, row, known) * times

@@ -101,21 +101,31 @@ class Share:
     active: jit.Bool
 
 
-def shared(light: Sequence[Any], radius: jit.Float, responses: np.ndarray) -> Iterator[Share]:
+def shared(
+    light: Sequence[Any], radius: jit.Float, responses: np.ndarray, *, between: bool = False
+) -> Iterator[Share]:
     """What the subpixels of fragments and those around get of their ``light``.
 
     ``light`` are their values, and their detail. ``radius`` is signed, in subpixels. Subpixels get
-    no less than nothing, and together all of the light, or hardly more.
+    no less than nothing, and together all of the light, or hardly more. What is known of some radii
+    is taken of the nearest, or, smoothly, ``between`` two.
     """
     degree = responses.shape[2] - 1
     table = jit.from_numpy(jit.Float, responses.ravel())
-    level = jit.UInt32(dr.clip(dr.round(radius / STEP), -LEVELS, LEVELS) + LEVELS)
+    at = dr.clip(radius / STEP, -LEVELS, LEVELS) + LEVELS
+    level = jit.UInt32(dr.round(at))
+
+    def row(level: jit.UInt32, axis: int, order: int) -> jit.Array4f:
+        return dr.gather(jit.Array4f, table, (level * 2 + axis) * (degree + 1) + order)
+
+    def beside(axis: int, order: int) -> jit.Array4f:
+        if not between:
+            return row(level, axis, order)
+        first = dr.minimum(jit.UInt32(dr.detach(at)), 2 * LEVELS - 1)
+        return dr.lerp(row(first, axis, order), row(first + 1, axis, order), at - first)
+
     across, down = (
-        [
-            _Row(dr.gather(jit.Array4f, table, (level * 2 + axis) * (degree + 1) + order), order)
-            for order in range(degree + 1)
-        ]
-        for axis in (0, 1)
+        [_Row(beside(axis, order), order) for order in range(degree + 1)] for axis in (0, 1)
     )
     left = light[0]
     for i, j in itertools.product((0, *BESIDE), repeat=2):

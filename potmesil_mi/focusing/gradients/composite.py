@@ -14,6 +14,9 @@ from ..composite import FAINTEST, MOST_FILLED, weights_of
 from ..film import rows_and_columns
 from ..fragments import SHARE
 
+ROUNDED = 1 / 64
+"""How far from where a share is clipped the bend is rounded."""
+
 
 class Spread(NamedTuple):
     """The light of a slice: RGB and share, interleaved, and alpha, of the pixels of ``box``."""
@@ -54,7 +57,7 @@ def composite(
         light[SHARE] = dr.maximum(light[SHARE], 0)
         if behind is None and sharp is not None:
             behind = [dr.zeros(jit.Float, crop.size) for _ in range(count)]
-        admitted = dr.clip((1 - covered) / dr.maximum(light[SHARE], FAINTEST), 0, 1)
+        admitted = _clipped((1 - covered) / dr.maximum(light[SHARE], FAINTEST), 1)
         admitted = dr.select(light[SHARE] > FAINTEST, admitted, 0)
         if each.is_sharp:
             sharp = dr.detach(light[SHARE])
@@ -66,13 +69,29 @@ def composite(
             behind = [a + b for a, b in zip(behind, light, strict=True)]
         dr.eval(total, covered, behind, sharp)
     if behind is not None:
-        more = 1 + dr.clip((1 - covered) / dr.maximum(behind[SHARE], FAINTEST), 0, MOST_FILLED)
+        left = (1 - covered) / dr.maximum(behind[SHARE], FAINTEST)
+        more = 1 + _clipped(left, MOST_FILLED)
         total = [a + b * more for a, b in zip(total, behind, strict=True)]
     covered = total[SHARE]
     there = dr.select(covered > FAINTEST, covered, dr.inf)
     channels = [of / there for channel, of in enumerate(total) if channel != SHARE]
     weights = _weights(covered, sharp, crop, subpixels, density, its_gradient)
     return Composited(channels, weights)
+
+
+def _clipped(value: jit.Float, most: float) -> jit.Float:
+    """A value, no less than 0 and no more than ``most``; where it is clipped, rounded.
+
+    Slices that just fill a subpixel are at the bend, and have to have a derivative there: the mean
+    of those on both sides.
+    """
+    return _ramp(value) - _ramp(value - most)
+
+
+def _ramp(value: jit.Float) -> jit.Float:
+    """A value where it is positive, else 0; the bend between is part of a parabola."""
+    bend = dr.square(value + ROUNDED) / (4 * ROUNDED)
+    return dr.select(value > ROUNDED, value, dr.select(value < -ROUNDED, 0, bend))
 
 
 def _weights(

@@ -91,10 +91,10 @@ def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
 
 def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
     """What each lens point sees of each occluded fragment, 0 to 1, lane by lane."""
+    edges = view.edges
     if view.seen.size == 0:
         return jit.Float()
     seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
-    edges = view.edges
 
     def parallax(vergence: jit.Float, radius: jit.Float) -> jit.Float:
         own, its = (dr.gather(jit.Float, vergence, of) for of in (edges.fragment, edges.occluder))

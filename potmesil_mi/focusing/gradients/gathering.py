@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ...samples.point_samples import PointSamples
-from ..density import evened
+from ..density import BORROWED_DENSITY, evened
 from ..fragments import MAX_BINS, SHARE, Fragments
 from ..gathering import ends_of_bins
 from ..locating import Bins, located_in, parts_of
@@ -22,14 +21,14 @@ class Gathering(NamedTuple):
     ============================  ==========================================================
     Field                         Meaning
     ============================  ==========================================================
-    ``fragments``                 F fragments, in order
+    ``fragments``                 F fragments, in order, whose ``detail`` is the sum of each
     ``sum_of_sample``             uint32 (N,), the sum, of S, that each sample is part of
     ``sum_of_fragment``           int64 (F,), the sum that each fragment is a copy of
     ``subpixel_of_sum``           uint32 (S,), the subpixel of each
     ``is_first``                  bool (S,), whether the pinhole sees it
     ``scale``                     float32 (F,), by which it was evened
-    ``is_even``                   whether nothing was evened
-    ``density``                   that of :class:`potmesil_mi.focusing.density.Evened`
+    ``density``                   that of :class:`potmesil_mi.focusing.density.Evened`; ``None``
+                                  where nothing was evened
     ============================  ==========================================================
     """
 
@@ -39,8 +38,15 @@ class Gathering(NamedTuple):
     subpixel_of_sum: np.ndarray
     is_first: np.ndarray
     scale: np.ndarray
-    is_even: bool
     density: np.ndarray | None
+
+    @property
+    def scale_of_subpixel(self) -> np.ndarray | None:
+        """By what the fragments of each subpixel were evened, (height * width,); 0 of copies."""
+        if self.density is None:
+            return None
+        own = self.density.ravel() > BORROWED_DENSITY
+        return np.divide(1, self.density.ravel(), out=np.zeros(own.size), where=own)
 
     def scaled(self, scale: np.ndarray) -> Gathering:
         """The same with the light of each fragment multiplied by a ``scale``, float32 (F,)."""
@@ -103,12 +109,11 @@ def gather(
     assert final.detail is not None
     scale = final.values[:, SHARE] / share[final.detail]
     return Gathering(
-        dataclasses.replace(final, detail=None),
+        final,
         index,
         final.detail.astype(np.int64),
         place.astype(np.uint32),
         layer == 0,
         scale.astype(np.float32),
-        found.density is None,
         found.density,
     )

@@ -19,8 +19,9 @@ from ...optics.psf import PointSpreadFunction
 from ...samples.raster import Window
 from ..bands import Band, bands
 from ..fragments import Fragments
-from ..kernels import KernelFactory
+from ..kernels import KernelFactory, is_plain
 from ..slices import CELL_RADIUS, Fineness, smeared
+from ..small_circles import responses_of
 from .view import SmoothView
 
 CIRCLES_AN_OCTAVE = 4
@@ -64,6 +65,9 @@ class SmoothSlice:
     ``resolution``, ``box``       its pixels, as those of a :class:`.slices.DepthSlice`
     ``is_sharp``                  whether the circles are of both signs
     ``unoccluded``, ``occluded``  which of the view's fragments are in it
+    ``small``                     where circles are small and the detail of fragments is known,
+                                  what subpixels around get of it, see :func:`.responses_of`;
+                                  there is one kernel then, of no width
     ``circles``, ``kernels``      radii in subpixels, float64 (K,), and a kernel for each
     ``cells``, ``cell_kernels``   radii in subpixels of circles, float64 (L,), and a kernel for
                                   the cell of a lens point of each
@@ -75,6 +79,7 @@ class SmoothSlice:
     is_sharp: bool
     unoccluded: slice
     occluded: slice
+    small: np.ndarray | None
     circles: np.ndarray
     kernels: list[np.ndarray]
     cells: np.ndarray
@@ -128,14 +133,19 @@ def _planned(
     )
     radii = np.abs(blur.radius(fragments.vergence))
     ends = float(radii.min()), float(radii.max())
-    if band.inner == 0:
+    is_sharp, small = band.inner == 0, None
+    if is_sharp:
         ends = 0.0, ends[1]
-    circles = circles_around(*ends, SMALLEST_CIRCLE, CIRCLES_AN_OCTAVE)
+        if view.plain.detail is not None and is_plain(psf):
+            small = responses_of(psf, float(lens.squeeze), view.plain.detail.degree)
+    circles, kernels = np.zeros(1), [np.ones(1)]
+    if small is None:
+        circles = circles_around(*ends, SMALLEST_CIRCLE, CIRCLES_AN_OCTAVE)
+        kernels = [factory.of_radius(radius / factor) for radius in circles]
     cells = circles_around(*ends, SMALLEST_CELL, CELLS_AN_OCTAVE)
-    kernels = [factory.of_radius(radius / factor) for radius in circles]
     cell = CELL_OF_CIRCLE / math.sqrt(len(view.points))
     cell_kernels = [factory.of_cell(cell * radius / factor) for radius in cells]
-    reach = math.ceil(circles[-1] / factor * float(np.hypot(*view.points.T).max())) + 3
+    reach = math.ceil(ends[1] / factor * float(np.hypot(*view.points.T).max())) + 3
     reach += max(kernel.shape[0] // 2 for kernel in cell_kernels)
     reach = max([reach, *(max(kernel.shape) // 2 + 2 for kernel in kernels)]) + 2
     x, y = fragments.x // factor, fragments.y // factor
@@ -146,4 +156,6 @@ def _planned(
         fast_size(int(x.max()) + 1 + reach - left),
         fast_size(int(y.max()) + 1 + reach - top),
     )
-    return SmoothSlice(factor, box, band.inner == 0, *parts, circles, kernels, cells, cell_kernels)
+    return SmoothSlice(
+        factor, box, is_sharp, parts[0], parts[1], small, circles, kernels, cells, cell_kernels
+    )

@@ -14,8 +14,9 @@ import numpy as np
 from ... import _backend as jit
 from ...optics.blur import Blur
 from ..blocks import BLOCK
-from ..fragments import as_column
+from ..fragments import Fragments, as_column
 from ..lit import dark, lit_around, mark
+from ..small_circles import REACH, shared
 from ..splat import ImageStack
 from .slices import SmoothSlice
 from .view import Light, SmoothView
@@ -73,6 +74,8 @@ def _splat_circles(
     """Unoccluded fragments, each in the images of two circles."""
     index = view.unoccluded[each.unoccluded]
     fragments, factor, box = view.gathering.fragments, each.resolution, each.box
+    if each.small is not None:
+        return _splat_small_circles(fragments, index, light, blur, each, each.small)
     before = _before(np.abs(plain.radius(fragments.vergence[index])), each.circles)
     x, y = (
         _beside(of[index], factor, first)
@@ -98,6 +101,38 @@ def _splat_circles(
             part = jit.from_numpy(jit.Float, across * down / factor**2)
         for beyond, of_it in ((0, 1 - share), (1, share)):
             stack.scatter(values, alpha, stack.place(kernel + beyond, *there), of_it * part)
+    return SmoothImages(stack, each.kernels)
+
+
+def _splat_small_circles(
+    fragments: Fragments,
+    index: np.ndarray,
+    light: Light,
+    blur: Blur,
+    each: SmoothSlice,
+    responses: np.ndarray,
+) -> SmoothImages:
+    """Unoccluded fragments in the place of each and around it, spread by their small circles."""
+    box, detail = each.box, light.detail
+    assert detail is not None
+    x, y = fragments.x[index] - box.left, fragments.y[index] - box.top
+    lit = dark(1, box, BLOCK)
+    for across, down in itertools.product((-REACH, REACH), repeat=2):
+        mark(lit, 0, x + across, y + down, BLOCK)
+    stack = ImageStack(box, 4 if light.alpha is None else 5, 25 * len(index), lit)
+    fragment = jit.from_numpy(jit.UInt32, index)
+    column, row = jit.from_numpy(jit.Int32, x), jit.from_numpy(jit.Int32, y)
+    radius = blur.radius(dr.gather(jit.Float, light.vergence, fragment))
+    for target, of_it, its_detail, kind in (
+        (stack.colours, light.values, detail.colours, jit.Array4f),
+        (stack.alpha, light.alpha, detail.alpha, jit.Float),
+    ):
+        if target is None:
+            continue
+        values = [dr.gather(kind, of, fragment) for of in (of_it, *its_detail)]
+        for share in shared(values, radius, responses, between=True):
+            there = stack.place(jit.UInt32(0), column + share.across, row + share.down)
+            dr.scatter_add(target, share.light, there, share.active, mode=stack.mode)
     return SmoothImages(stack, each.kernels)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import drjit as dr
@@ -11,12 +12,37 @@ import numpy as np
 
 from ... import _backend as jit
 from ...samples.point_samples import PointSamples
+from ..detail import Detail, along_axes, detail_degree
 from ..fragments import SHARE, as_column, scatter_mode
 from ..lens_points import LensPoints
 from ..lens_view import LEAST_SEEN
+from ..locating import located_in
+from ..moments import legendre
 from ..visibility import visibility
 from .edges import Edges
 from .gathering import Gathering, gather
+
+
+class Light(NamedTuple):
+    """What has derivatives of F fragments.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``values``                    (4 F,), RGB and share, interleaved
+    ``alpha``                     (F,), or ``None``
+    ``vergence``                  (F,), 1/z
+    ``density``                   that of subpixels, before it was evened, where it has
+                                  derivatives; else ``None``
+    ``detail``                    their detail, a row for each, if it is known
+    ============================  ==========================================================
+    """
+
+    values: jit.Float
+    alpha: jit.Float | None
+    vergence: jit.Float
+    density: jit.Float | None
+    detail: Detail | None
 
 
 class EdgeColumns(NamedTuple):
@@ -46,6 +72,7 @@ class SmoothView:
     ``edges``                     where that changes as parallax does
     ``points``                    float64 (M, 2), the lens points
     ``radius_per_vergence``       of the lens that they are of, in subpixels
+    ``plain``                     the light of the fragments, without gradients
     ============================  ==========================================================
     """
 
@@ -56,6 +83,7 @@ class SmoothView:
     edges: EdgeColumns
     points: np.ndarray
     radius_per_vergence: float
+    plain: Light
 
     @classmethod
     def of(
@@ -106,6 +134,7 @@ class SmoothView:
             ),
             points,
             radius_per_vergence,
+            _plain(gathering, samples, subpixels),
         )
 
     @property
@@ -122,73 +151,105 @@ class SmoothView:
         """How many fragments each bin has, int64 (bins,)."""
         return np.bincount(self.gathering.fragments.bin)
 
-    @functools.cached_property
-    def plain(self) -> Light:
-        """The light of the fragments of samples that have no gradients."""
-        fragments = self.gathering.fragments
-        return Light(
-            as_column(fragments.values[:, : SHARE + 1]),
-            as_column(fragments.values[:, SHARE + 1]) if fragments.values.shape[1] > 4 else None,
-            as_column(fragments.vergence),
-            None,
-        )
-
     def light(self, samples: PointSamples, subpixels: int) -> Light:
         """The light of the fragments, attached to what samples have gradients."""
-        attached = samples.attached
-        if not attached:
-            return self.plain
+        sums = _Sums(self.gathering, samples, subpixels, samples.attached)
+        return sums.light(self.plain)
+
+
+class _Sums:
+    """Sums over samples, and what they make of the fragments."""
+
+    def __init__(
+        self,
+        gathering: Gathering,
+        samples: PointSamples,
+        subpixels: int,
+        attached: Mapping[str, jit.Float],
+    ) -> None:
+        self.gathering, self.samples, self.subpixels = gathering, samples, subpixels
+        self.attached = attached
+        self.count = len(gathering.subpixel_of_sum)
+        self.index = jit.from_numpy(jit.UInt32, gathering.sum_of_sample)
+        self.source = jit.from_numpy(jit.UInt32, gathering.sum_of_fragment)
+        self.weight = self._column("weight") * dr.opaque(jit.Float, subpixels**2)
+
+    def _column(self, name: str) -> jit.Float:
+        if name in self.attached:
+            return self.attached[name]
+        return as_column(getattr(self.samples, name))
+
+    def _total(self, values: jit.Float | jit.Array4f) -> jit.Float:
+        """The sums of what samples have."""
+        size = self.count * (4 if isinstance(values, jit.Array4f) else 1)
+        into = dr.zeros(jit.Float, size)
+        mode = scatter_mode(len(self.samples) / self.count)
+        dr.scatter_add(into, values, self.index, mode=mode)
+        return into
+
+    def _colours(self, weight: jit.Float) -> jit.Array4f:
+        rgb = dr.unravel(jit.Array3f, self._column("rgb"))
+        return jit.Array4f(*(weight * of for of in rgb), weight)
+
+    def light(self, plain: Light) -> Light:
+        """The light of the fragments; what has no gradients is that of ``plain``."""
+        if not self.attached:
+            return plain
+        values = self._total(self._colours(self.weight))
+        share = dr.gather(jit.Float, values, dr.arange(jit.UInt32, self.count) * 4 + SHARE)
+        vergence, alpha = plain.vergence, plain.alpha
+        if "z" in self.attached or "weight" in self.attached:
+            of_sum = self._total(self.weight / self._column("z")) / share
+            vergence = dr.gather(jit.Float, of_sum, self.source)
+        scale, density = self._scale(share)
+        if alpha is not None:
+            of_sum = self._total(self.weight * self._column("alpha"))
+            alpha = dr.gather(jit.Float, of_sum, self.source) * scale
+        light = dr.ravel(dr.gather(jit.Array4f, values, self.source) * scale)
+        detail = plain.detail
+        if detail is not None and not self.attached.keys() <= {"z"}:
+            detail = self.detail(detail.degree, light)
+        return Light(light, alpha, vergence, density, detail)
+
+    def _scale(self, share: jit.Float) -> tuple[jit.Float, jit.Float | None]:
+        """By what fragments are evened, and the density of subpixels if it has gradients."""
         own = self.gathering
-        area = dr.opaque(jit.Float, subpixels**2)
-        count, sums = len(own.sum_of_sample), len(own.subpixel_of_sum)
-        index = jit.from_numpy(jit.UInt32, own.sum_of_sample)
+        scale = as_column(own.scale)
+        if "weight" not in self.attached or own.density is None:
+            return scale, None
+        place = jit.from_numpy(jit.UInt32, own.subpixel_of_sum)
+        density = dr.zeros(jit.Float, own.density.size)
+        first = jit.from_numpy(jit.Bool, own.is_first)
+        dr.scatter_add(density, share, place, first, mode=scatter_mode())
+        there = dr.gather(jit.Float, density, dr.gather(jit.UInt32, place, self.source))
+        return scale * (dr.detach(there) / there), density
 
-        def column(name: str) -> jit.Float:
-            return attached[name] if name in attached else as_column(getattr(samples, name))
-
-        def total(values: jit.Float | jit.Array4f) -> jit.Float:
-            size = sums * (4 if isinstance(values, jit.Array4f) else 1)
-            into = dr.zeros(jit.Float, size)
-            dr.scatter_add(into, values, index, mode=scatter_mode(count / sums))
-            return into
-
-        weight = column("weight") * area
-        rgb = dr.unravel(jit.Array3f, column("rgb"))
-        values = total(jit.Array4f(*(weight * of for of in rgb), weight))
-        alpha = total(weight * column("alpha")) if self.plain.alpha is not None else None
-        share = dr.gather(jit.Float, values, dr.arange(jit.UInt32, sums) * 4 + SHARE)
-        if "z" in attached or "weight" in attached:
-            vergence = total(weight / column("z")) / share
-        else:
-            vergence = None
-        source = jit.from_numpy(jit.UInt32, own.sum_of_fragment)
-        scale, density = as_column(own.scale), None
-        if "weight" in attached and not own.is_even:
-            fragments = own.fragments
-            place = jit.from_numpy(jit.UInt32, own.subpixel_of_sum)
-            of_subpixel = dr.zeros(jit.Float, fragments.width * fragments.height)
-            first = jit.from_numpy(jit.Bool, own.is_first)
-            dr.scatter_add(of_subpixel, share, place, first, mode=scatter_mode())
-            there = dr.gather(jit.Float, of_subpixel, dr.gather(jit.UInt32, place, source))
-            scale *= dr.detach(there) / there
-            density = of_subpixel
-        light = dr.gather(jit.Array4f, values, source) * scale
-        return Light(
-            dr.ravel(light),
-            None if alpha is None else dr.gather(jit.Float, alpha, source) * scale,
-            self.plain.vergence if vergence is None else dr.gather(jit.Float, vergence, source),
-            density,
-        )
+    def detail(self, degree: int, values: jit.Float | None = None) -> Detail:
+        """The detail of the fragments, whose light is given if it has gradients."""
+        own, samples = self.gathering, self.samples
+        raster = samples.window.subdivided(self.subpixels)
+        at = located_in(samples, self.subpixels, raster, slice(None))
+        colours, alpha = [], []
+        has_alpha = own.fragments.values.shape[1] > SHARE + 1
+        for i, j in along_axes(degree):
+            weight = self.weight * legendre(i, at.across) * legendre(j, at.down)
+            colours.append(self._total(self._colours(weight)))
+            if has_alpha:
+                alpha.append(self._total(weight * self._column("alpha")))
+            dr.eval(colours, alpha)
+        return Detail(colours, alpha).evened(own.fragments, own.scale_of_subpixel, values)
 
 
-class Light(NamedTuple):
-    """What has derivatives of F fragments.
-
-    ``values`` are RGB and share, interleaved, ``alpha`` their alpha, ``vergence`` 1/z; ``density``
-    is that of the subpixels, before it was evened, where it has derivatives.
-    """
-
-    values: jit.Float
-    alpha: jit.Float | None
-    vergence: jit.Float
-    density: jit.Float | None
+def _plain(gathering: Gathering, samples: PointSamples, subpixels: int) -> Light:
+    """The light of the fragments without gradients."""
+    fragments = gathering.fragments
+    values, degree, detail = fragments.values, detail_degree(samples, subpixels), None
+    if degree > 0:
+        detail = _Sums(gathering, samples, subpixels, {}).detail(degree)
+    return Light(
+        as_column(values[:, : SHARE + 1]),
+        as_column(values[:, SHARE + 1]) if values.shape[1] > SHARE + 1 else None,
+        as_column(fragments.vergence),
+        None,
+        detail,
+    )
