@@ -2,10 +2,9 @@
 
     python benchmarks/torch_layer.py [--size 512] [--batch 1] [--repeats 3]
 
-A textured square before a slope; of 512 pixels circles are up to 12 wide. Seconds are the least of the repeats,
-after one that compiles kernels. Memory is the most that the process has held during a call beyond
-what it held before, read every 5 ms, with everything wanted and with the lens alone; each case runs
-in a process of its own.
+A textured square before a slope; of 512 pixels circles are up to 12 wide. Seconds are the least of
+the repeats, after one that compiles kernels. Memory is the most that the process has held during a
+call beyond what it held before, read every 5 ms. Each case runs in a process of its own.
 """
 
 import argparse

@@ -5,6 +5,7 @@ is used.
 """
 
 import contextlib
+import importlib.util
 import io
 import os
 import re
@@ -61,6 +62,7 @@ rst_prolog = "\n".join(f".. |{name}| replace:: *{name}*" for name in MITSUBA_TYP
 
 autosummary_generate = True
 autosummary_context = {"public": potmesil_mi.__all__}
+autodoc_mock_imports = [] if importlib.util.find_spec("torch") else ["torch"]  # It is large.
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

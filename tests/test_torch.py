@@ -65,7 +65,8 @@ def test_pictures_are_those_of_the_focus_stage(antialiased):
         lens_points=16,
         squares=2,
     )
-    np.testing.assert_array_equal(found[0].permute(1, 2, 0).numpy(), expected)
+    # Sums are scattered in any order.
+    np.testing.assert_allclose(found[0].permute(1, 2, 0).numpy(), expected, rtol=0, atol=1e-6)
 
 
 def test_each_picture_of_a_batch_is_the_one_alone():
@@ -89,7 +90,8 @@ def test_without_gradients_pictures_are_formed_the_quick_way():
     with torch.no_grad():
         quick = focus(rgb, depth, distance, F_NUMBER, **VIEW)
     assert not quick.requires_grad
-    assert torch.equal(quick, focus(rgb, depth, DISTANCE, F_NUMBER, **VIEW))
+    plain = focus(rgb, depth, DISTANCE, F_NUMBER, **VIEW)
+    torch.testing.assert_close(quick, plain, rtol=0, atol=1e-6)
     assert focus(rgb, depth, distance, F_NUMBER, **VIEW).requires_grad
 
 

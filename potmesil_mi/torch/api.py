@@ -71,8 +71,8 @@ def focus(
     All is computed in float32. Half, bfloat16 and double are converted; a double ``rgb`` gives
     double pictures, all others give float32. Gradients have the types of what they are of.
     The backend is that of Mitsuba's variant, or the first that works; tensors on another device are
-    copied. Where something is so unusual that it is likely not meant there is a
-    :class:`potmesil_mi.FocusWarning`, once.
+    copied. What is likely not meant, such as a lens that blurs nothing, is told once in a
+    :class:`potmesil_mi.FocusWarning`.
 
     Raises ``TypeError`` or ``ValueError`` that names the parameter, as for lists of pictures of
     several sizes and for depth that is NaN or <= 0, ``NotImplementedError`` where there is no

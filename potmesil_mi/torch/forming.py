@@ -14,6 +14,7 @@ from ..focusing.memo import Memo
 from ..focusing.methods import Method
 from ..focusing.session import form_picture
 from ..optics.lens import ThinLens
+from ..samples.circles import FOCUS
 from ..samples.image_layers import Hidden
 from ..samples.point_samples import PointSamples
 from .exchange import channels_first, channels_last, to_drjit, to_torch
@@ -24,8 +25,10 @@ PARAMETERS = ("focus_distance", "f_number", "focal_length")
 NAMES = ("rgb", "depth", *PARAMETERS)
 """All that is differentiable, in the order in which it is given."""
 
-_warned_of: set[str] = set()
-"""What users have been warned of: a network calls over and over, and each is told once."""
+_warned_of: set[str] = {FOCUS}
+"""What users have been warned of: a network calls over and over, and each is told once. A focus
+where nothing is, is no mistake on the way of an optimiser.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
