@@ -173,6 +173,23 @@ def test_light_of_hidden_copies_goes_back_to_the_pixels_that_they_copy():
     torch.testing.assert_close(rgb.grad.sum(), picture.sum().detach(), rtol=1e-4, atol=0)
 
 
+@pytest.mark.parametrize(
+    ("distance", "number"),
+    [(DISTANCE, F_NUMBER), (torch.inf, F_NUMBER), (DISTANCE, torch.inf)],
+    ids=["open", "focused at infinity", "pinhole"],
+)
+def test_gradients_are_finite_where_depth_or_lens_are_not(distance, number):
+    rgb, depth = pictures()
+    depth[..., 14:, :] = torch.inf
+    given = attached(rgb, depth, distance, number)
+    focus(*given, **VIEW).square().sum().backward()
+    assert all(of.grad.isfinite().all() for of in given)
+    assert (given[1].grad[..., 14:, :] == 0).all()
+    is_open = number < torch.inf
+    assert (given[1].grad != 0).any() == is_open
+    assert (given[0].grad != 0).all()
+
+
 def test_the_graph_serves_again_where_it_is_retained_and_is_given_up_where_not():
     rgb, depth = pictures()
     (distance,) = attached(DISTANCE)

@@ -81,7 +81,7 @@ def _form_each(
     options: Options, attached: Sequence[str], tensors: Sequence[torch.Tensor]
 ) -> list[Formed]:
     """The pictures of a batch. Raises ``ValueError`` that says of which one it is."""
-    rgb, depth, *parameters = tensors
+    rgb, depth, *parameters = (tensor.detach() for tensor in tensors)
     pictures = []
     for i, (image, its_depth, *numbers) in enumerate(zip(rgb, depth, *parameters, strict=True)):
         lens = {name: float(n) for name, n in zip(PARAMETERS, numbers, strict=True)}

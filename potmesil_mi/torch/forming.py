@@ -147,7 +147,7 @@ def _attached_lens(lens: ThinLens, leaves: Mapping[str, Any]) -> ThinLens:
 
 def _image(image: torch.Tensor, leaf: Any) -> Any:
     """A picture or its depth as samples are made of it: a tensor of Dr.Jit for one of a leaf."""
-    return image.detach().cpu().numpy() if leaf is None else jit.TensorXf(leaf, tuple(image.shape))
+    return image.cpu().numpy() if leaf is None else jit.TensorXf(leaf, tuple(image.shape))
 
 
 def _require_derivatives(attached: Sequence[str]) -> None:
