@@ -75,7 +75,7 @@ nitpick_ignore_regex = [
     # ... but types in signatures may be those of other libraries, private, or type variables.
     (
         "py:.*",
-        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|OpenEXR|anywidget)\..*|ArrayLike|Table|Console|Path|Lens"
+        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|torch|OpenEXR|anywidget)\..*|ArrayLike|Table|Console|Path|Lens"
         r"|(abc|argparse|collections|dataclasses|os|pathlib|threading|types|typing|typing_extensions)\..*",
     ),
     ("py:.*", r"(.*\.)?(_\w+|[A-Z])"),

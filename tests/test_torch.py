@@ -14,7 +14,7 @@ import potmesil_mi as pm
 
 torch = pytest.importorskip("torch")
 
-from potmesil_mi.torch import Lens, focus  # noqa: E402
+from potmesil_mi.torch import LearnedLens, focus  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("variant_llvm")
 
@@ -320,7 +320,7 @@ except ImportError as error:
 def test_a_lens_learns_towards_the_focus_of_a_picture():
     rgb, depth = pictures()
     target = focus(rgb, depth, DISTANCE, F_NUMBER, **VIEW)
-    lens = Lens(2.6, 2.6, **VIEW)
+    lens = LearnedLens(2.6, 2.6, **VIEW)
     optimizer = torch.optim.Adam(lens.parameters(), lr=0.02)
     losses = []
     for _ in range(4):
@@ -334,7 +334,7 @@ def test_a_lens_learns_towards_the_focus_of_a_picture():
 
 
 def test_what_a_lens_learns_stays_allowed():
-    lens = Lens(0.06, 4.0, **VIEW)
+    lens = LearnedLens(0.06, 4.0, **VIEW)
     with torch.no_grad():
         for parameter in lens.parameters():
             parameter -= 5
@@ -343,10 +343,10 @@ def test_what_a_lens_learns_stays_allowed():
 
 
 def test_a_lens_can_be_set_kept_and_learned_in_part():
-    lens = Lens(2.0, 4.0, learn=["f_number"], aperture="polygon:blades=5", **VIEW)
+    lens = LearnedLens(2.0, 4.0, learn=["f_number"], aperture="polygon:blades=5", **VIEW)
     lens.focus_distance = torch.tensor(3.0)
     assert "f_number=4, focal_length=50.0" in repr(lens)
-    other = Lens(1.0, 1.0, **VIEW)
+    other = LearnedLens(1.0, 1.0, **VIEW)
     other.load_state_dict(lens.state_dict())
     torch.testing.assert_close(other.focus_distance.item(), 3.0)
     torch.testing.assert_close(other.f_number.item(), 4.0)
@@ -368,10 +368,10 @@ def test_a_lens_can_be_set_kept_and_learned_in_part():
 )
 def test_a_lens_refuses_by_name(change, error, match):
     with pytest.raises(error, match=match):
-        Lens(**{"focus_distance": 2.0, "f_number": 4.0, **VIEW, **change})
+        LearnedLens(**{"focus_distance": 2.0, "f_number": 4.0, **VIEW, **change})
 
 
 def test_a_lens_is_not_set_to_what_is_not_allowed():
-    lens = Lens(2.0, 4.0, **VIEW)
+    lens = LearnedLens(2.0, 4.0, **VIEW)
     with pytest.raises(ValueError, match=r"f_number=-1.0: must be > 0"):
         lens.f_number = torch.tensor(-1.0)

@@ -1,8 +1,8 @@
 """Depth of field as a layer of torch: gradients of pictures, depths and lenses, with occlusion.
 
 ``import potmesil_mi.torch`` needs the extra ``torch``: ``pip install 'potmesil_mi[torch]'``. It has
-:func:`focus`, for batches of pictures with depth, and :class:`Lens`, a module that learns focus
-distance and f-number.
+:func:`potmesil_mi.torch.focus`, for batches of pictures with depth, and
+:class:`potmesil_mi.torch.LearnedLens`, a module that learns focus distance and f-number.
 """
 
 from __future__ import annotations
@@ -16,6 +16,6 @@ except ImportError as error:
     ) from None
 
 from .api import focus
-from .module import Lens
+from .module import LearnedLens
 
-__all__ = ["Lens", "focus"]
+__all__ = ["LearnedLens", "focus"]

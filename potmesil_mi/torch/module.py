@@ -36,7 +36,7 @@ class Above(torch.nn.Module):
         return (value - self.bound).log()
 
 
-class Lens(torch.nn.Module):
+class LearnedLens(torch.nn.Module):
     """A thin lens that learns where it is focused, and its f-number.
 
     ============================  ==========================================================
@@ -50,14 +50,14 @@ class Lens(torch.nn.Module):
                                   millimetres; 1000 for depth in metres)
     ``learn``                     which of ``focus_distance`` and ``f_number`` are learned
                                   (default: both); the others have no ``requires_grad``
-    ``options``                   all else that :func:`focus` has, such as ``aperture``
+    ``options``                   all else that the function has, such as ``aperture``
     ============================  ==========================================================
 
-    ``lens(rgb, depth)`` is :func:`focus`. What it learns are log(U - F) and log(n), of the focus
-    distance U beyond the focal length F and the f-number n, by ``torch.nn.utils.parametrize``: no
-    step of an optimiser leaves what is allowed, and one of 0.01 changes them by about 1 %.
-    ``lens.focus_distance`` and ``lens.f_number`` are U and n, and can be set. Raises ``ValueError``
-    or ``TypeError`` that names the parameter.
+    ``lens(rgb, depth)`` is :func:`potmesil_mi.torch.focus`. What it learns are log(U - F) and
+    log(n), of the focus distance U beyond the focal length F and the f-number n, by
+    ``torch.nn.utils.parametrize``: no step of an optimiser leaves what is allowed, and one of 0.01
+    changes them by about 1 %. ``lens.focus_distance`` and ``lens.f_number`` are U and n, and can be
+    set. Raises ``ValueError`` or ``TypeError`` that names the parameter.
     """
 
     focus_distance: torch.Tensor
@@ -100,7 +100,7 @@ class Lens(torch.nn.Module):
             parametrize.register_parametrization(self, name, Above(name, bound))
 
     def forward(self, rgb: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
-        """The pictures (B, 3, H, W) of ``rgb`` and ``depth``: see :func:`focus`."""
+        """The pictures (B, 3, H, W): see :func:`potmesil_mi.torch.focus`."""
         return focus(rgb, depth, self.focus_distance, self.f_number, **self.options)
 
     def extra_repr(self) -> str:
