@@ -87,9 +87,15 @@ def focus(
     What is found out about samples is kept as long as they are, up to 2 GiB, for the next focus;
     :class:`potmesil_mi.FocusSession` lets one bound and clear it. Returns linear RGB (A), (height,
     width, 3 or 4), of the samples' crop window. Raises ``ValueError`` or ``TypeError`` that names
-    the parameter, ``NotImplementedError`` for a lens whose parameters have gradients enabled,
-    ``RuntimeError`` while a scalar variant is set. By ``tiles`` neither a method of one's own nor,
-    except with ``paper``, samples of an exposure in which something moves can be formed.
+    the parameter, ``RuntimeError`` while a scalar variant is set. By ``tiles`` neither a method of
+    one's own nor, except with ``paper``, samples of an exposure in which something moves can be
+    formed.
+
+    Where something of Dr.Jit's has gradients enabled, parameters of the lens or of its aperture, or
+    columns of the samples (``rgb``, ``z``, ``weight``, ``alpha``), the picture is attached to it,
+    for ``dr.backward`` and ``dr.forward``. It is nearly the same picture: kernels stand at fixed
+    circles, and what depends on the lens are weights between them. Raises ``NotImplementedError``
+    that names what has no derivatives.
     """
     chosen = method_of(
         method,

@@ -207,17 +207,6 @@ def test_apertures_that_differ_in_the_points_for_highlights_alone_have_their_own
     assert np.abs(wide - narrow).max() > 0.01 * wide.max()
 
 
-def test_gradients_that_would_be_lost_in_silence_are_refused():
-    samples = overscanned()
-    focus_distance = mi.Float(2.0)
-    dr.enable_grad(focus_distance)
-    lens = samples.lens.replace(focus_distance=focus_distance)
-    with pytest.raises(NotImplementedError, match="focus_distance"):
-        pm.focus(samples, lens)
-    detached = lens.replace(focus_distance=dr.detach(focus_distance))
-    assert np.isfinite(np.array(pm.focus(samples, detached))).all()
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "text"),
     [
