@@ -44,6 +44,7 @@ def form(
     plain = exposure.blur
     per_pixel = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * per_pixel), jit.Float(1 / lens.focus_distance))
+    dr.make_opaque(blur.radius_per_vergence, blur.focused_vergence)
     light = view.light(samples, subpixels)
     seen = _seen(view, light, blur)
     slices = plan(
