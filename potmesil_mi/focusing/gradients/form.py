@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import drjit as dr
 
 from ... import _backend as jit
@@ -22,10 +24,14 @@ from ..layered import Visibility, cropped, fineness_of, radius_of_view
 from ..lens_points import LensPoints
 from ..memo import Memo
 from .composite import Spread, composite
+from .gathering import gather
 from .slices import SmoothSlice, plan
 from .splat import splat
 from .spread import light_of
 from .view import Light, SmoothView
+
+BINS_AN_OCTAVE = 2
+"""Widths of bins from one to twice that: samples are gathered anew for each."""
 
 
 def form(
@@ -44,6 +50,7 @@ def form(
     plain = exposure.blur
     per_pixel = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * per_pixel), jit.Float(1 / lens.focus_distance))
+    # Numbers of the user's would be compiled into each kernel.
     dr.make_opaque(blur.radius_per_vergence, blur.focused_vergence)
     light = view.light(samples, subpixels)
     seen = _seen(view, light, blur)
@@ -82,12 +89,18 @@ def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float
 
 def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
     """What the lens sees: known from before, or found out now."""
-    samples, subpixels = exposure.samples, exposure.subpixels
+    samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
     radius = radius_of_view(exposure, how.exact)
+    # Bins that changed with each aperture would join other samples, and part other surfaces.
+    of_bins = 2 ** (math.ceil(math.log2(radius) * BINS_AN_OCTAVE) / BINS_AN_OCTAVE)
     aperture = aperture_behind(exposure.psf)
     points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
-    key = ("smooth view", jit.name(), subpixels, exposure.alpha, radius, points)
-    return memo.get(key, lambda: SmoothView.of(samples, subpixels, radius, points, exposure.alpha))
+    about = ("smooth", jit.name(), subpixels, alpha, of_bins)
+    gathering = memo.get(about, lambda: gather(samples, subpixels, of_bins, alpha))
+    return memo.get(
+        (*about, radius, points),
+        lambda: SmoothView.of(gathering, samples, subpixels, radius, points),
+    )
 
 
 def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:

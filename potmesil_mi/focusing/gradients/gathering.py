@@ -48,6 +48,12 @@ class Gathering(NamedTuple):
         own = self.density.ravel() > BORROWED_DENSITY
         return np.divide(1, self.density.ravel(), out=np.zeros(own.size), where=own)
 
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes."""
+        columns = (self.sum_of_sample, self.sum_of_fragment, self.subpixel_of_sum, self.scale)
+        return self.fragments.nbytes + sum(of.nbytes for of in columns)
+
     def scaled(self, scale: np.ndarray) -> Gathering:
         """The same with the light of each fragment multiplied by a ``scale``, float32 (F,)."""
         return self._replace(fragments=self.fragments.scaled(scale), scale=self.scale * scale)

@@ -20,7 +20,7 @@ from ..locating import located_in
 from ..moments import legendre
 from ..visibility import visibility
 from .edges import Edges
-from .gathering import Gathering, gather
+from .gathering import Gathering
 
 
 class Light(NamedTuple):
@@ -88,14 +88,13 @@ class SmoothView:
     @classmethod
     def of(
         cls,
+        gathering: Gathering,
         samples: PointSamples,
         subpixels: int,
         radius_per_vergence: float,
         lens_points: LensPoints,
-        alpha: bool,
     ) -> SmoothView:
-        """What the ``lens_points`` see of ``samples``."""
-        gathering = gather(samples, subpixels, radius_per_vergence, alpha)
+        """What the ``lens_points`` see of ``samples``, which are gathered."""
         fragments, found = gathering.fragments, Edges()
         points = lens_points.points
         coverable, seen = visibility(fragments, radius_per_vergence, points, None, found)
