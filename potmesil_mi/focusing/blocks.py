@@ -30,15 +30,14 @@ class BlockImage:
     channels: Sequence[np.ndarray]
 
     @classmethod
-    def of(cls, image: np.ndarray, *, all_blocks: bool = False) -> BlockImage:
-        """The blocks of an image, float32 (H, W, C), that have light, or ``all_blocks`` of it."""
+    def of(cls, image: np.ndarray) -> BlockImage:
+        """The blocks of an image, float32 (H, W, C)."""
         height, width, channels = image.shape
         down, across = (-(-size // BLOCK) for size in (height, width))
         padded = np.zeros((down * BLOCK, across * BLOCK, channels), np.float32)
         padded[:height, :width] = image
-        blocks = _in_blocks(padded)
-        lit = np.asarray(blocks.any(axis=(2, 3, 4)))
-        number = numbered(np.ones_like(lit) if all_blocks else lit)
+        blocks = in_blocks(padded)
+        number = numbered(np.asarray(blocks.any(axis=(2, 3, 4))))
         stored = np.concatenate([np.zeros_like(blocks[:1, 0]), blocks[number > 0]])
         return cls((height, width), number, [stored])
 
@@ -68,7 +67,7 @@ class BlockImage:
         first = 0
         for of in self.channels:
             end = first + of.shape[-1]
-            _in_blocks(image)[..., first:end][lit] = of[number[lit]]
+            in_blocks(image)[..., first:end][lit] = of[number[lit]]
             first = end
         top, left = window.top - place[0].start * BLOCK, window.left - place[1].start * BLOCK
         return image[top : top + window.height, left : left + window.width]
@@ -93,7 +92,7 @@ def _blocks_of(window: Window) -> tuple[slice, slice]:
     )
 
 
-def _in_blocks(image: np.ndarray) -> np.ndarray:
+def in_blocks(image: np.ndarray) -> np.ndarray:
     """The pixels of an image (h ``BLOCK``, w ``BLOCK``, C), which has them, by block.
 
     (h, w, ``BLOCK``, ``BLOCK``, C).

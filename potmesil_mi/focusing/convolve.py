@@ -12,9 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from .._threads import for_each, processors
-from ..optics.convolution import convolve_cyclically, fast_size, kernel_spectrum
+from ..optics.convolution import (
+    convolve_cyclically,
+    correlate_cyclically,
+    fast_size,
+    kernel_spectrum,
+    spectrum_of,
+)
 from ..samples.raster import Window
-from .blocks import BLOCK, BlockImage
+from .blocks import BLOCK, BlockImage, in_blocks
 
 TILE = 192
 """Width in pixels of tiles, with what is around them."""
@@ -36,22 +42,17 @@ def spread(images: Sequence[BlockImage], kernels: Sequence[np.ndarray]) -> np.nd
     height, width = images[0].shape
     channels = images[0].channel_count
     total = np.empty((height, width, channels), np.float32)
-    down, across = (
-        _Cut.of(size, max((kernel.shape[axis] // 2 for _, kernel in wide), default=0))
-        for axis, size in enumerate((height, width))
-    )
+    down, across = _cuts((height, width), [kernel.shape for _, kernel in wide])
     frame = down.frame, across.frame
     spectra = [
         np.repeat(kernel_spectrum(kernel, frame, np.float32)[..., None], channels, axis=2)
         for _, kernel in wide
     ]
 
-    def spread_to(tile: Window) -> None:
-        place = tile.slices_in(Window(0, 0, width, height))
+    def spread_to(place: tuple[slice, slice]) -> None:
+        tile = _window_of(*place)
         rows, columns = down.around(place[0]), across.around(place[1])
-        around = Window(
-            columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start
-        )
+        around = _window_of(rows, columns)
         near = []
         for (image, _), spectrum in zip(wide, spectra, strict=True):
             lit = image.lit_in(around)
@@ -67,11 +68,7 @@ def spread(images: Sequence[BlockImage], kernels: Sequence[np.ndarray]) -> np.nd
         for image, row in by_row:
             _add_spread_by_row(total, image, row, tile)
 
-    tiles = [
-        Window(left, top, min(across.step, width - left), min(down.step, height - top))
-        for top in range(0, height, down.step)
-        for left in range(0, width, across.step)
-    ]
+    tiles = _tiles(down, across)
     workers = max(processors() // len(tiles), 1)
     for_each(spread_to, tiles)
     return total
@@ -86,15 +83,80 @@ def spread_back(
     of which ``block_count`` are stored. Each is the light correlated with its kernel, float32
     (n, ``BLOCK``, ``BLOCK``, C).
     """
-    image = BlockImage.of(np.ascontiguousarray(light, dtype=np.float32))
+    light = np.ascontiguousarray(light, dtype=np.float32)
     stored = np.zeros((block_count, BLOCK, BLOCK, light.shape[2]), np.float32)
+    height, width = light.shape[:2]
+    wide = [kernel.shape for kernel in kernels if kernel.ndim == 2]
+    down, across = _cuts((height, width), wide)
+    frame = down.frame, across.frame
+    tiles = _tiles(down, across)
+    around = [(down.around(of[0]), across.around(of[1])) for of in tiles]
+    spectra: list[np.ndarray] = []
+    if wide:
+        spectra = [np.empty(0)] * len(tiles)
+
+        def transform(i: int) -> None:
+            spectra[i] = spectrum_of(light[around[i]], frame)
+
+        for_each(transform, range(len(tiles)))
+    padded = (-(-size // BLOCK) * BLOCK for size in (height, width))
+    image = np.zeros((*padded, light.shape[2]), np.float32)
+    whole = Window(0, 0, width, height)
     for kernel, own in zip(kernels, number, strict=True):
-        if own.any():
-            turned = kernel if kernel.ndim == 1 else kernel[::-1, ::-1]
-            found = BlockImage.of(spread([image], [turned]), all_blocks=True)
-            lit = own > 0
-            stored[own[lit]] = found.channels[0][found.number[lit]]
+        lit = own > 0
+        if not lit.any():
+            continue
+        if kernel.ndim == 1:
+            image[:] = 0
+            _add_spread_by_row(image[:height, :width], BlockImage.of(light), kernel, whole)
+        else:
+            spectrum = kernel_spectrum(kernel, frame, np.float32)
+
+            def correlate(i: int, spectrum: np.ndarray = spectrum, lit: np.ndarray = lit) -> None:
+                rows, columns = tiles[i]
+                if lit[_blocks(rows), _blocks(columns)].any():
+                    found = correlate_cyclically(spectra[i], spectrum, frame)
+                    top, left = (
+                        a.start - b.start for a, b in zip(tiles[i], around[i], strict=True)
+                    )
+                    size = rows.stop - rows.start, columns.stop - columns.start
+                    image[tiles[i]] = found[top : top + size[0], left : left + size[1]]
+
+            for_each(correlate, range(len(tiles)))
+        stored[own[lit]] = in_blocks(image)[lit]
     return stored
+
+
+def _window_of(rows: slice, columns: slice) -> Window:
+    """The window of some rows and columns."""
+    size = columns.stop - columns.start, rows.stop - rows.start
+    return Window(columns.start, rows.start, *size)
+
+
+def _blocks(pixels: slice) -> slice:
+    """The blocks that some pixels are in."""
+    return slice(pixels.start // BLOCK, -(-pixels.stop // BLOCK))
+
+
+def _cuts(size: tuple[int, int], kernels: Sequence[tuple[int, ...]]) -> tuple[_Cut, _Cut]:
+    """How an image of a ``size`` is cut down and across for kernels of some shapes."""
+    down, across = (
+        _Cut.of(of, max((shape[axis] // 2 for shape in kernels), default=0))
+        for axis, of in enumerate(size)
+    )
+    return down, across
+
+
+def _tiles(down: _Cut, across: _Cut) -> list[tuple[slice, slice]]:
+    """The rows and columns of all tiles."""
+    return [
+        (
+            slice(top, min(top + down.step, down.size)),
+            slice(left, min(left + across.step, across.size)),
+        )
+        for top in range(0, down.size, down.step)
+        for left in range(0, across.size, across.step)
+    ]
 
 
 class _Cut(NamedTuple):

@@ -109,7 +109,8 @@ class Detail:
         first = jit.from_numpy(jit.Bool, fragments.first) & known
         if values is None:
             values = as_column(fragments.values[:, : SHARE + 1])
-        own = dr.unravel(jit.Array4f, values)
+        # dr.unravel would, of an array that is used elsewhere, lose the gradients from there.
+        own = dr.gather(jit.Array4f, values, dr.arange(jit.UInt32, len(fragments)))
         colours, alpha = [], []
         for term, column in enumerate(self.colours):
             moment = dr.gather(jit.Array4f, column, row, known) * times

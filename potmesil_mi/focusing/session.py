@@ -150,17 +150,11 @@ def form_picture(
         jit.require_vectorised_variant("focus")
     chosen = samples.lens if lens is None else lens
     given_lens, given = lens, _plain(chosen)
-    attached = has_gradients(samples, chosen)
     require_fitting(samples.camera, given)
     require_usable_lens(given)
     lens, picture_of = _thin_lens(samples, given)
     psf = lens.aperture if psf is None else psf
-    if not isinstance(psf, PointSpreadFunction):
-        raise TypeError(f"psf={shown(psf)}: must be a point-spread function, such as Disc()")
-    if rfilter is not None and not isinstance(rfilter, ReconstructionFilter):
-        raise TypeError(
-            f"rfilter={shown(rfilter)}: must be a reconstruction filter, such as film.rfilter()"
-        )
+    _require_spreading(psf, rfilter)
     require_flag("alpha", alpha)
     filters = as_filters(filters)
     method.check(lens)
@@ -172,32 +166,25 @@ def form_picture(
     _require_memory(samples, method, subpixels)
     warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=3)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
-    for channel in channels:
-        _require_hashable(channel)
+    _require_hashable(channels)
+    if has_gradients(samples, chosen):
+        require_derivatives(samples, chosen, channels, filters)
+        attached_lens = in_units_of(samples, chosen)
+        with _forming:
+            exposure = Exposure(samples, lens, psf, subpixels, bool(alpha))
+            attached = method.form_attached(exposure, memo, attached_lens, rfilter)
+            memo.trim()
+            return attached
     with _forming:
         owned = memo
         if picture_of is not None:
             samples, memo = changed(samples, picture_of, memo)
-        if attached:
-            require_derivatives(samples, chosen, channels, filters)
-            exposure = Exposure(samples, lens, psf, subpixels, bool(alpha))
-            form = method.form_attached
-            attached_picture = form(exposure, memo, in_units_of(samples, chosen), rfilter)
-            memo.trim()
-            return attached_picture
         degree = degree_of(rfilter, subpixels)
         exposures = [
             Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None, degree)
             for each in channels
         ]
-        pictures = [
-            reconstruct(FinePicture(*method.form(exposure, memo)), subpixels, rfilter)
-            for exposure in exposures
-        ]
-        picture = pictures[0]
-        if len(pictures) == 3:  # Alpha is that of green.
-            parts = (*pictures, pictures[1])[: picture.shape[-1]]
-            picture = np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
+        picture = _finished([method.form(each, memo) for each in exposures], subpixels, rfilter)
         if filters:
             # The field of view is the samples', and so is the film's width.
             pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
@@ -206,6 +193,20 @@ def form_picture(
         for grown in (memo, owned):
             grown.trim()
         return jit.TensorXf(picture.astype(np.float32, copy=False))
+
+
+def _finished(
+    formed: Sequence[FinePicture | tuple[np.ndarray, np.ndarray]],
+    subpixels: int,
+    rfilter: ReconstructionFilter | None,
+) -> np.ndarray:
+    """The picture in pixels, of one for all channels or one for each of red, green and blue."""
+    pictures = [reconstruct(FinePicture(*each), subpixels, rfilter) for each in formed]
+    if len(pictures) == 1:
+        return pictures[0]
+    # Alpha is that of green.
+    parts = (*pictures, pictures[1])[: pictures[0].shape[-1]]
+    return np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
 
 
 def _require_memory(samples: PointSamples, method: Method, subpixels: int) -> None:
@@ -231,15 +232,26 @@ def _thin_lens(
     return in_units_of(samples, lens), None
 
 
-def _require_hashable(psf: PointSpreadFunction) -> None:
-    """Raise ``TypeError`` for an aperture by which nothing can be kept."""
-    try:
-        hash(psf)
-    except TypeError as error:
+def _require_spreading(psf: Any, rfilter: Any) -> None:
+    """Raise ``TypeError`` for what spreads no light."""
+    if not isinstance(psf, PointSpreadFunction):
+        raise TypeError(f"psf={shown(psf)}: must be a point-spread function, such as Disc()")
+    if rfilter is not None and not isinstance(rfilter, ReconstructionFilter):
         raise TypeError(
-            f"psf={type(psf).__name__}: must be hashable, as a frozen dataclass of hashable fields "
-            f"is ({error})"
-        ) from None
+            f"rfilter={shown(rfilter)}: must be a reconstruction filter, such as film.rfilter()"
+        )
+
+
+def _require_hashable(channels: Sequence[PointSpreadFunction]) -> None:
+    """Raise ``TypeError`` for an aperture by which nothing can be kept."""
+    for psf in channels:
+        try:
+            hash(psf)
+        except TypeError as error:
+            raise TypeError(
+                f"psf={type(psf).__name__}: must be hashable, as a frozen dataclass of hashable "
+                f"fields is ({error})"
+            ) from None
 
 
 def _plain(lens: Any) -> ThinLens | TelecentricLens:

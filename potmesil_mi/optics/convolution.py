@@ -88,3 +88,19 @@ def convolve_cyclically(
             light *= spectrum
             total = np.add(total, light, out=total) if total.size else light
         return scipy.fft.irfft2(total, frame, axes=(0, 1), overwrite_x=True)
+
+
+def spectrum_of(image: np.ndarray, frame: tuple[int, int]) -> np.ndarray:
+    """The transform of an image, float32 (H, W, C), that fits into the ``frame``; complex64."""
+    return scipy.fft.rfft2(image, frame, axes=(0, 1))
+
+
+def correlate_cyclically(
+    spectrum: np.ndarray, kernel: np.ndarray, frame: tuple[int, int]
+) -> np.ndarray:
+    """What the transpose of spreading by a kernel makes of an image, float32 (H, W, C).
+
+    ``spectrum`` is that of the image, ``kernel`` the :func:`kernel_spectrum` of the ``frame``.
+    """
+    light = spectrum * np.conj(kernel)[..., None]
+    return scipy.fft.irfft2(light, frame, axes=(0, 1), overwrite_x=True)

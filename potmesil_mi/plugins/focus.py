@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -86,6 +86,13 @@ class FocusIntegrator(WrapperIntegrator):
     the mirror or pane. Distances (``depth``) are along the ray, from the near plane. What ``aov``
     shows of its first nested integrator is the picture, and is not there twice. ``hide_emitters``
     must be said of the ``aov``, too.
+
+    Pictures have the derivatives in materials, textures and lights that the nested integrator has,
+    such as ``prb``, and those of :func:`potmesil_mi.focus` in ``focus_distance``, ``f_number`` and
+    ``aperture_radius`` of the sensor. There are none in where shapes and the camera are, and none
+    with ``clamp``, ``denoise`` or ``motion``, nor with images in mirrors and panes, of which
+    ``virtual_depth`` false takes none: these are errors. AOVs count as constant, and so do samples
+    that share a ray, of which a warning tells.
     """
 
     plugin = "focus"
@@ -127,6 +134,35 @@ class FocusIntegrator(WrapperIntegrator):
         else:
             planes = aov_maps(samples)
         return image, stacked(planes, image.shape[:2])
+
+    def form_attached(
+        self, samples: PointSamples, rgb: mi.TensorXf, lens: Any, film: mi.Film
+    ) -> mi.TensorXf:
+        """The picture through the ``lens``, of samples with this ``rgb``."""
+        from ..focusing.api import focus
+
+        return focus(
+            samples.replace(rgb=rgb),
+            lens,
+            method=self.method,
+            filters=self.filters,
+            rfilter=film.rfilter(),
+            alpha=has_alpha(film),
+        )
+
+    def check_differentiable(self, samples: PointSamples) -> None:
+        """Raise ``ValueError`` that names a parameter with which there are no derivatives."""
+        super().check_differentiable(samples)
+        if self.denoise:
+            raise ValueError(
+                "denoise=True: must be false where parameters of the scene have gradients, for a "
+                "denoiser does not tell derivatives"
+            )
+        if samples.visibility is not None and samples.visibility.any():
+            raise ValueError(
+                "virtual_depth=True: must be false where parameters of the scene have gradients, "
+                "for what is seen in mirrors and through panes has no derivatives"
+            )
 
     def aov_names(self) -> list[str]:
         """Names of the channels beside the colours."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -92,6 +92,10 @@ class PointSamplesIntegrator(WrapperIntegrator):
        - |float|
        - Most radiance of a sample, in any colour, that shows no lamp and not the sky, > 0:
          brighter ones are scaled down to it. (Default: no limit)
+
+    Colours have the derivatives in materials, textures and lights that the nested integrator has,
+    such as ``prb``, with the pattern ``sampler`` and without ``clamp`` and ``motion``; other
+    channels count as constant.
     """
 
     plugin = "point_samples"
@@ -120,6 +124,17 @@ class PointSamplesIntegrator(WrapperIntegrator):
         aovs = stacked(aov_maps(visible), channels.shape[:2])
         return picture, np.concatenate([channels, aovs], axis=-1)
 
+    def form_attached(
+        self, samples: PointSamples, rgb: mi.TensorXf, lens: Any, film: mi.Film
+    ) -> mi.TensorXf:
+        """The pinhole picture, of samples with this ``rgb``."""
+        if samples.lattice > 0:
+            raise NotImplementedError(
+                f"pattern={self.sampling.pattern}: must be sampler where parameters of the scene "
+                "have gradients; other patterns have derivatives with focus"
+            )
+        return pinhole_block(samples, rgb, film)
+
     def to_string(self) -> str:
         """Text for the log and for ``print``."""
         return f"PointSamplesIntegrator[nested = {self.nested}, sampling = {self.sampling}]"
@@ -129,7 +144,6 @@ def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
     """RGB (A) of the samples through the film's filter, (height, width, 3 or 4)."""
     from ..focusing.api import focus
     from ..focusing.methods import Equation20
-    from ..tracing.passes import WAVEFRONT
 
     alpha = has_alpha(film)
     if samples.lattice > 0:
@@ -142,19 +156,31 @@ def pinhole_picture(samples: PointSamples, film: mi.Film) -> np.ndarray:
         )
         method = Equation20(tables=2, inverse_square=False)
         return np.array(focus(samples, pinhole, method=method, rfilter=film.rfilter(), alpha=alpha))
+    return np.array(pinhole_block(samples, mi.TensorXf(samples.rgb), film))
+
+
+def pinhole_block(samples: PointSamples, rgb: mi.TensorXf, film: mi.Film) -> mi.TensorXf:
+    """The same of samples that are not on a lattice and have this ``rgb``, by Mitsuba's own means.
+
+    It has derivatives in ``rgb``.
+    """
+    from ..tracing.passes import wavefronts
+
+    alpha = has_alpha(film)
     film.prepare([])
     block = film.create_block()
-    for start in range(0, len(samples), WAVEFRONT):
-        part = slice(start, start + WAVEFRONT)
-        columns = [*samples.rgb[part].T, *([samples.alpha[part]] if alpha else [])]
+    for part in wavefronts(len(samples), 1):
         weight = mi.Float(samples.weight[part])
-        block.put(
-            mi.Point2f(samples.x[part], samples.y[part]),
-            [*(mi.Float(np.ascontiguousarray(c)) * weight for c in columns), weight],
-        )
+        row = dr.arange(mi.UInt32, part.start, part.stop) * 3
+        columns = [dr.gather(mi.Float, rgb.array, row + colour) for colour in range(3)]
+        if alpha:
+            columns.append(mi.Float(samples.alpha[part]))
+        place = mi.Point2f(samples.x[part], samples.y[part])
+        block.put(place, [*(column * weight for column in columns), weight])
         dr.eval(block.tensor())
-    picture = np.array(block.tensor())
-    return picture[..., :-1] / np.maximum(picture[..., -1:], np.finfo(np.float32).tiny)
+    tensor = block.tensor()
+    light, weight = tensor[..., :-1], tensor[..., -1:]
+    return light / dr.maximum(weight, dr.smallest(mi.Float))
 
 
 def pixel_channels(samples: PointSamples) -> np.ndarray:

@@ -18,6 +18,7 @@ from ..optics.image_aperture import ImageAperture
 from ..optics.lens import FILMS, ThinLens
 from ..optics.spectrum import SPECTRUM
 from ..optics.usable import require_usable_view
+from .derivatives import LENS_PARAMETERS
 from .projective import CLIPPING, ProjectiveSensor, number_from
 
 DEFAULT_FOCAL_LENGTH = 50.0
@@ -44,8 +45,14 @@ PROJECTION_PARAMETERS = {
 OPENINGS = ("f_number", "aperture_radius")
 """Two numbers for one thing: one is given, the other follows from the lens."""
 
-DIFFERENTIABLE = ("x_fov", "principal_point_offset_x", "principal_point_offset_y", "to_world")
-"""Exposed parameters that rays can be differentiated in."""
+DIFFERENTIABLE = {
+    **dict.fromkeys(
+        ("x_fov", "principal_point_offset_x", "principal_point_offset_y", "to_world"),
+        mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous,
+    ),
+    **dict.fromkeys(LENS_PARAMETERS, mi.ParamFlags.Differentiable),
+}
+"""Exposed parameters that rays, or pictures through the lens, can be differentiated in."""
 
 LENS_DEFAULTS = {
     "focus_distance": math.inf,
@@ -144,9 +151,10 @@ class PotmesilSensor(ProjectiveSensor):
     ``x_fov`` sets ``frame_width``; focal length, aperture and focus stay. Setting both of such a
     pair to what does not agree is an error.
 
-    ``x_fov``, the principal point and ``to_world`` are differentiable. In scalar variants Mitsuba
-    cannot set the numbers of a Python plugin. Bad values raise ``ValueError``. An update of
-    the parameters does so, too, and then the sensor and its parameters stay as they were.
+    ``x_fov``, the principal point and ``to_world`` are differentiable by integrators that see the
+    pinhole; ``focus_distance``, ``f_number`` and ``aperture_radius`` by ``focus``. In scalar
+    variants Mitsuba cannot set the numbers of a Python plugin. Bad values raise ``ValueError``. An
+    update of the parameters does so, too, and then the sensor and its parameters stay as they were.
 
     ``sample_direction`` and ``projection_transform`` are those of ``perspective``, for ``ptracer``
     and for the projective integrators (``direct_projective``, ``prb_projective``). Where the
@@ -275,9 +283,7 @@ class PotmesilSensor(ProjectiveSensor):
         """Expose the lens, the projection and the placement to ``mi.traverse``."""
         super().traverse(callback)
         for name in (*self.m_lens_parameters, "x_fov", *PROJECTION_PARAMETERS, "to_world"):
-            flags = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-            if name not in DIFFERENTIABLE:
-                flags = mi.ParamFlags.NonDifferentiable
+            flags = DIFFERENTIABLE.get(name, mi.ParamFlags.NonDifferentiable)
             callback.put(name, getattr(self, f"m_{name}"), flags)
 
     def camera(self) -> Camera:

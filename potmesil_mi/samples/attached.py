@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from .. import _backend as jit
 from .._validation import shown
 from ..optics.arithmetic import is_drjit
-
-if TYPE_CHECKING:
-    from .point_samples import PointSamples
 
 WITH_GRADIENTS = ("rgb", "alpha", "z", "weight")
 """The columns in which a picture is differentiable."""
@@ -77,9 +74,9 @@ def taken_from(columns: Mapping[str, Any]) -> dict[str, tuple[Any, np.ndarray]]:
     return found
 
 
-def require_unattached(samples: PointSamples, what: str) -> None:
-    """Raise ``NotImplementedError`` that says ``what`` has no derivatives, where some are asked."""
-    for name in samples.attached:
+def require_unattached(attached: Iterable[str], what: str) -> None:
+    """Raise ``NotImplementedError`` that ``what`` has no derivatives, if columns are attached."""
+    for name in attached:
         raise NotImplementedError(
             f"{name}: has gradients enabled, but {what} has no derivatives; do that first, and "
             "attach the gradients to what it returns"

@@ -383,7 +383,7 @@ class PointSamples(Columns):
         Raises ``ValueError`` for a tolerance that is not > 0.
         """
         lens = self.lens if lens is None else lens
-        require_unattached(self, "merge")
+        require_unattached(self.attached, "merge")
         require_mergeable(self.camera, lens, tolerance)
         if self.lattice > 0:
             return self
@@ -408,7 +408,7 @@ class PointSamples(Columns):
         """
         from .denoising import denoised_radiance, denoiser_name
 
-        require_unattached(self, "denoised")
+        require_unattached(self.attached, "denoised")
         rgb = denoised_radiance(self, self.window)
         return self.replace(rgb=rgb, provenance={**self.provenance, "denoised": denoiser_name()})
 

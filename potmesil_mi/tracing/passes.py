@@ -36,11 +36,14 @@ class Passes:
 
     def begin(self, rays: int) -> None:
         """Seed the sampler for a pass of ``rays`` rays; the first gets the seed of the run."""
-        seed = self.seed
-        if self._begun > 0:
-            seed = int(mi.sample_tea_32(mi.UInt32(self.seed), mi.UInt32(self._begun))[0][0])
-        self.sampler.seed(seed, rays)
+        self.sampler.seed(self.seed_of(self._begun), rays)
         self._begun += 1
+
+    def seed_of(self, number: int) -> int:
+        """The seed of a pass, which are counted from 0."""
+        if number == 0:
+            return self.seed
+        return int(mi.sample_tea_32(mi.UInt32(self.seed), mi.UInt32(number))[0][0])
 
     def begin_for(self, count: int) -> mi.UInt32:
         """Seed the sampler for a pass of ``count`` rays, or a few more: it wants whole pixels.

@@ -88,7 +88,7 @@ class PrimaryRays:
         It has the ``depth`` and the ``surface`` that are given; the ray begins in a ``medium``.
         """
         ray, ray_weight = self.sampled(position)
-        _begin_at(ray, start)
+        begin_at(ray, start)
         hit = self.visible(mi.Ray3f(ray)).hit if self.features else None
         return self.shaded(ray, ray_weight, depth, surface, medium, hit, start)
 
@@ -118,7 +118,7 @@ class PrimaryRays:
     def begun_at(self, position: mi.Point2f, start: mi.Float | float) -> mi.Ray3f:
         """The rest of the rays through ``position``, from the distance ``start`` on."""
         ray = mi.Ray3f(self.through(position, mi.Float(0.5), self.sensor.shutter_open())[0])
-        _begin_at(ray, start)
+        begin_at(ray, start)
         return ray
 
     def visible(
@@ -278,7 +278,7 @@ def _opaque_pair(x: float, y: float) -> mi.Vector2f:
     return mi.Vector2f(dr.opaque(mi.Float, x), dr.opaque(mi.Float, y))
 
 
-def _begin_at(ray: mi.Ray3f, start: mi.Float | float) -> None:
+def begin_at(ray: mi.Ray3f, start: mi.Float | float) -> None:
     """Move the origin of ``ray`` by the distance ``start`` along it; the end stays."""
     ray.o, ray.maxt = ray.o + start * ray.d, ray.maxt - start
 

@@ -178,18 +178,6 @@ def test_a_sensor_without_a_lens_is_refused():
     assert "focus: needs a potmesil or thinlens sensor" in str(caught.value.__cause__)
 
 
-def test_derivatives_are_refused_and_not_wrong():
-    import drjit as dr
-
-    scene = still_life(FOCUS)
-    parameters = mi.traverse(scene)
-    key = next(name for name in parameters.keys() if name.endswith("reflectance.value"))  # noqa: SIM118
-    dr.enable_grad(parameters[key])
-    image = mi.render(scene, parameters)
-    with pytest.raises(Exception, match="derivatives are not implemented"):
-        dr.backward(dr.sum(image, axis=None))
-
-
 # ---------------------------------------------------------------- point_samples
 
 

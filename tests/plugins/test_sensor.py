@@ -13,6 +13,7 @@ import pytest
 
 from potmesil_mi import ThinLens, potmesil_sensor
 from potmesil_mi.optics.camera import FOV_AXES
+from potmesil_mi.plugins.derivatives import LENS_PARAMETERS
 from potmesil_mi.tracing.sensor import sensor_parameters
 
 REPOSITORY = Path(__file__).parents[2]
@@ -567,9 +568,10 @@ def test_scalar_variants_cannot_update_numbers_and_say_so():
 
 @pytest.mark.parametrize("name", [*EXPOSED, "f_number", "to_world"])
 def test_parameters_are_differentiable_as_far_as_their_flags_say(variant_llvm, name):
+    """Pictures are, in those of the lens: `test_gradients.py` has these."""
     sensor = load(**EXPOSED, f_number=4.0, image_distance="focused")
     parameters = mi.traverse(sensor)
-    if parameters.flags(name) & mi.ParamFlags.NonDifferentiable:
+    if parameters.flags(name) & mi.ParamFlags.NonDifferentiable or name in LENS_PARAMETERS:
         return
     variable = mi.Float(0.0 if name == "to_world" else EXPOSED.get(name, 4.0))
     dr.enable_grad(variable)
@@ -580,7 +582,7 @@ def test_parameters_are_differentiable_as_far_as_their_flags_say(variant_llvm, n
     )
     parameters.update()
     ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.3, 0.6), mi.Point2f(0.5))
-    result = dr.sum(ray.o + ray.d) + sensor.lens().circle_of_confusion(mi.Float(1.5))
+    result = dr.sum(ray.o + ray.d)
     assert dr.grad_enabled(result), f"{name} is said to be differentiable"
     dr.backward(result)
     assert dr.grad(variable)[0] != 0

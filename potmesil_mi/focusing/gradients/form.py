@@ -48,8 +48,8 @@ def form(
     samples, subpixels = exposure.samples, exposure.subpixels
     view = _view(exposure, memo, how)
     plain = exposure.blur
-    per_pixel = samples.camera.focal_length_pixels * subpixels
-    blur = Blur(jit.Float(lens.aperture_radius * per_pixel), jit.Float(1 / lens.focus_distance))
+    in_subpixels = samples.camera.focal_length_pixels * subpixels
+    blur = Blur(jit.Float(lens.aperture_radius * in_subpixels), jit.Float(1 / lens.focus_distance))
     # Numbers of the user's would be compiled into each kernel.
     dr.make_opaque(blur.radius_per_vergence, blur.focused_vergence)
     light = view.light(samples, subpixels)

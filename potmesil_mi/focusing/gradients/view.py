@@ -171,6 +171,10 @@ class _Sums:
         self.count = len(gathering.subpixel_of_sum)
         self.index = jit.from_numpy(jit.UInt32, gathering.sum_of_sample)
         self.source = jit.from_numpy(jit.UInt32, gathering.sum_of_fragment)
+        # Not by dr.unravel: of an array that is used elsewhere it loses the gradients from there.
+        first = dr.arange(jit.UInt32, len(samples)) * 3
+        rgb = self._column("rgb")
+        self.rgb = [dr.gather(jit.Float, rgb, first + channel) for channel in range(3)]
         self.weight = self._column("weight") * dr.opaque(jit.Float, subpixels**2)
 
     def _column(self, name: str) -> jit.Float:
@@ -187,8 +191,7 @@ class _Sums:
         return into
 
     def _colours(self, weight: jit.Float) -> jit.Array4f:
-        rgb = dr.unravel(jit.Array3f, self._column("rgb"))
-        return jit.Array4f(*(weight * of for of in rgb), weight)
+        return jit.Array4f(*(weight * of for of in self.rgb), weight)
 
     def light(self, plain: Light) -> Light:
         """The light of the fragments; what has no gradients is that of ``plain``."""
