@@ -323,6 +323,19 @@ def scatter_mode(density: float = math.inf) -> dr.ReduceMode:
     return dr.ReduceMode.Expand if pays else dr.ReduceMode.Direct
 
 
+def gathered(
+    kind: type[T], source: jit.Float, index: jit.UInt32, active: jit.Bool | bool = True
+) -> T:
+    """What is at ``index`` of a ``source`` that may have gradients, in the packets of a ``kind``.
+
+    Backwards a gather is a sum, which would by default have the sizes of both in its code, and
+    would be compiled anew for each.
+    """
+    is_llvm = dr.backend_v(jit.Float) == dr.JitBackend.LLVM
+    mode = dr.ReduceMode.Local if is_llvm else dr.ReduceMode.Auto
+    return dr.gather(kind, source, index, active, mode=mode)
+
+
 def among_few(count: int, an_octave: int = 4) -> int:
     """The least number from ``count`` on of a few, so many from one power of 2 to the next.
 

@@ -22,7 +22,7 @@ from .exposure import FINE_SUBPIXELS, Exposure
 from .memo import Memo
 
 if TYPE_CHECKING:
-    from .._backend import TensorXf
+    from .. import _backend as jit
     from .film import FinePicture, ReconstructionFilter
     from .layered import Visibility
 
@@ -90,7 +90,7 @@ class Method(Spec, family="method"):
         memo: Memo,
         lens: ThinLens,
         rfilter: ReconstructionFilter | None,
-    ) -> TensorXf:
+    ) -> jit.TensorXf:
         """The picture of ``exposure`` in pixels, attached to what has gradients.
 
         ``lens`` is that of the exposure, with its gradients. Raises ``NotImplementedError`` for a
@@ -137,7 +137,7 @@ class _Visible(Method):
         memo: Memo,
         lens: ThinLens,
         rfilter: ReconstructionFilter | None,
-    ) -> TensorXf:
+    ) -> jit.TensorXf:
         """See :meth:`Method.form_attached`."""
         from .gradients.form import form
 

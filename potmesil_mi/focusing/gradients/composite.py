@@ -12,7 +12,7 @@ from ... import _backend as jit
 from ...samples.raster import Window
 from ..composite import FAINTEST, MOST_FILLED, weights_of
 from ..film import rows_and_columns
-from ..fragments import SHARE
+from ..fragments import SHARE, gathered
 
 ROUNDED = 1 / 64
 """How far from where a share is clipped the bend is rounded."""
@@ -125,9 +125,9 @@ def _in_crop(each: Spread, crop: Window) -> list[jit.Float]:
     width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     place = jit.UInt32(dr.select(inside, y * width + x, 0))
-    light = list(dr.gather(jit.Array4f, colours, place, inside))
+    light = list(gathered(jit.Array4f, colours, place, inside))
     if alpha is not None:
-        light.append(dr.gather(jit.Float, alpha, place, inside))
+        light.append(gathered(jit.Float, alpha, place, inside))
     return light
 
 
@@ -148,7 +148,7 @@ def _doubled(
     for at_row, down in ((own[0], 0.75), (beside[0], 0.25)):
         for at_column, across in ((own[1], 0.75), (beside[1], 0.25)):
             place = at_row * stride + at_column
-            light += dr.gather(jit.Array4f, colours, place) * (down * across)
+            light += gathered(jit.Array4f, colours, place) * (down * across)
             if alpha is not None:
-                its_alpha += dr.gather(jit.Float, alpha, place) * (down * across)
+                its_alpha += gathered(jit.Float, alpha, place) * (down * across)
     return dr.ravel(light), None if alpha is None else its_alpha, finer

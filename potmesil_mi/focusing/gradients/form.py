@@ -19,7 +19,7 @@ from ..film import (
     reconstruct_channels,
     rows_and_columns,
 )
-from ..fragments import Fragments
+from ..fragments import Fragments, gathered
 from ..layered import Visibility, cropped, fineness_of, radius_of_view
 from ..lens_points import LensPoints
 from ..memo import Memo
@@ -84,7 +84,7 @@ def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float
     """The part of an array of the samples' window that is in the crop."""
     row, column = rows_and_columns(dr.arange(jit.UInt32, crop.size), crop.width)
     place = (row + crop.top) * dr.opaque(jit.UInt32, fragments.width) + (column + crop.left)
-    return dr.gather(jit.Float, values, place)
+    return gathered(jit.Float, values, place)
 
 
 def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
@@ -111,7 +111,7 @@ def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
     seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
 
     def parallax(vergence: jit.Float, radius: jit.Float) -> jit.Float:
-        own, its = (dr.gather(jit.Float, vergence, of) for of in (edges.fragment, edges.occluder))
+        own, its = (gathered(jit.Float, vergence, of) for of in (edges.fragment, edges.occluder))
         return radius * (own - its)
 
     known = parallax(view.plain.vergence, dr.opaque(jit.Float, view.radius_per_vergence))

@@ -14,7 +14,7 @@ import numpy as np
 from ... import _backend as jit
 from ...optics.blur import Blur
 from ..blocks import BLOCK
-from ..fragments import Fragments, as_column
+from ..fragments import Fragments, as_column, gathered
 from ..lit import dark, lit_around, mark
 from ..small_circles import REACH, shared
 from ..splat import ImageStack
@@ -89,10 +89,10 @@ def _splat_circles(
     stack = ImageStack(box, channels, 2 * len(x) * len(y) * len(index), lit)
     fragment = jit.from_numpy(jit.UInt32, index)
     kernel = jit.from_numpy(jit.UInt32, before)
-    radius = blur.radius(dr.gather(jit.Float, light.vergence, fragment))
+    radius = blur.radius(gathered(jit.Float, light.vergence, fragment))
     share = _share(radius, kernel, each.circles)
-    values = dr.gather(jit.Array4f, light.values, fragment)
-    alpha = None if light.alpha is None else dr.gather(jit.Float, light.alpha, fragment)
+    values = gathered(jit.Array4f, light.values, fragment)
+    alpha = None if light.alpha is None else gathered(jit.Float, light.alpha, fragment)
     for (column, across), (row, down) in itertools.product(x, y):
         place = (jit.from_numpy(jit.Int32, of) for of in (column, row))
         there = list(place)
@@ -122,14 +122,14 @@ def _splat_small_circles(
     stack = ImageStack(box, 4 if light.alpha is None else 5, 25 * len(index), lit)
     fragment = jit.from_numpy(jit.UInt32, index)
     column, row = jit.from_numpy(jit.Int32, x), jit.from_numpy(jit.Int32, y)
-    radius = blur.radius(dr.gather(jit.Float, light.vergence, fragment))
+    radius = blur.radius(gathered(jit.Float, light.vergence, fragment))
     for target, of_it, its_detail, kind in (
         (stack.colours, light.values, detail.colours, jit.Array4f),
         (stack.alpha, light.alpha, detail.alpha, jit.Float),
     ):
         if target is None:
             continue
-        values = [dr.gather(kind, of, fragment) for of in (of_it, *its_detail)]
+        values = [gathered(kind, of, fragment) for of in (of_it, *its_detail)]
         for share in shared(values, radius, responses, between=True):
             there = stack.place(jit.UInt32(0), column + share.across, row + share.down)
             dr.scatter_add(target, share.light, there, share.active, mode=stack.mode)
@@ -167,11 +167,11 @@ def _splat_points(
     point = lane - row * dr.opaque(jit.UInt32, count)
     of_row = jit.from_numpy(jit.UInt32, index)
     kernel_of_row = jit.from_numpy(jit.UInt32, before)
-    radius_of_row = blur.radius(dr.gather(jit.Float, light.vergence, of_row))
+    radius_of_row = blur.radius(gathered(jit.Float, light.vergence, of_row))
     share_of_row = _share(radius_of_row, kernel_of_row, each.cells)
     dr.eval(radius_of_row, share_of_row)
     fragment, kernel = (dr.gather(jit.UInt32, of, row) for of in (of_row, kernel_of_row))
-    radius, share = (dr.gather(jit.Float, of, row) for of in (radius_of_row, share_of_row))
+    radius, share = (gathered(jit.Float, of, row) for of in (radius_of_row, share_of_row))
     own = dr.opaque(jit.Float, 1 / factor)
     places = []
     for of, lens, first in (
@@ -188,9 +188,9 @@ def _splat_points(
     lit = _lit_by_points(view, plain, each, index, before)
     stack = ImageStack(box, 4 if light.alpha is None else 5, 8 * len(index) * count, lit)
     lanes = dr.arange(jit.UInt32, len(index) * count) + dr.opaque(jit.UInt32, part.start * count)
-    times = dr.gather(jit.Float, seen, lanes) * (own * own * dr.opaque(jit.Float, 1 / count))
-    values = dr.gather(jit.Array4f, light.values, fragment)
-    alpha = None if light.alpha is None else dr.gather(jit.Float, light.alpha, fragment)
+    times = gathered(jit.Float, seen, lanes) * (own * own * dr.opaque(jit.Float, 1 / count))
+    values = gathered(jit.Array4f, light.values, fragment)
+    alpha = None if light.alpha is None else gathered(jit.Float, light.alpha, fragment)
     for (dx, x_share), (dy, y_share) in itertools.product(
         enumerate((1 - across, across)), enumerate((1 - down, down))
     ):

@@ -13,7 +13,7 @@ import numpy as np
 from ... import _backend as jit
 from ...samples.point_samples import PointSamples
 from ..detail import Detail, along_axes, detail_degree
-from ..fragments import SHARE, as_column, scatter_mode
+from ..fragments import SHARE, as_column, gathered, scatter_mode
 from ..lens_points import LensPoints
 from ..lens_view import LEAST_SEEN
 from ..locating import located_in
@@ -174,7 +174,7 @@ class _Sums:
         # Not by dr.unravel: of an array that is used elsewhere it loses the gradients from there.
         first = dr.arange(jit.UInt32, len(samples)) * 3
         rgb = self._column("rgb")
-        self.rgb = [dr.gather(jit.Float, rgb, first + channel) for channel in range(3)]
+        self.rgb = [gathered(jit.Float, rgb, first + channel) for channel in range(3)]
         self.weight = self._column("weight") * dr.opaque(jit.Float, subpixels**2)
 
     def _column(self, name: str) -> jit.Float:
@@ -198,16 +198,16 @@ class _Sums:
         if not self.attached:
             return plain
         values = self._total(self._colours(self.weight))
-        share = dr.gather(jit.Float, values, dr.arange(jit.UInt32, self.count) * 4 + SHARE)
+        share = gathered(jit.Float, values, dr.arange(jit.UInt32, self.count) * 4 + SHARE)
         vergence, alpha = plain.vergence, plain.alpha
         if "z" in self.attached or "weight" in self.attached:
             of_sum = self._total(self.weight / self._column("z")) / share
-            vergence = dr.gather(jit.Float, of_sum, self.source)
+            vergence = gathered(jit.Float, of_sum, self.source)
         scale, density = self._scale(share)
         if alpha is not None:
             of_sum = self._total(self.weight * self._column("alpha"))
-            alpha = dr.gather(jit.Float, of_sum, self.source) * scale
-        light = dr.ravel(dr.gather(jit.Array4f, values, self.source) * scale)
+            alpha = gathered(jit.Float, of_sum, self.source) * scale
+        light = dr.ravel(gathered(jit.Array4f, values, self.source) * scale)
         detail = plain.detail
         if detail is not None and not self.attached.keys() <= {"z"}:
             detail = self.detail(detail.degree, light)
@@ -223,7 +223,7 @@ class _Sums:
         density = dr.zeros(jit.Float, own.density.size)
         first = jit.from_numpy(jit.Bool, own.is_first)
         dr.scatter_add(density, share, place, first, mode=scatter_mode())
-        there = dr.gather(jit.Float, density, dr.gather(jit.UInt32, place, self.source))
+        there = gathered(jit.Float, density, dr.gather(jit.UInt32, place, self.source))
         return scale * (dr.detach(there) / there), density
 
     def detail(self, degree: int, values: jit.Float | None = None) -> Detail:
