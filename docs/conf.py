@@ -5,6 +5,7 @@ is used.
 """
 
 import contextlib
+import importlib.util
 import io
 import os
 import re
@@ -61,6 +62,7 @@ rst_prolog = "\n".join(f".. |{name}| replace:: *{name}*" for name in MITSUBA_TYP
 
 autosummary_generate = True
 autosummary_context = {"public": potmesil_mi.__all__}
+autodoc_mock_imports = [] if importlib.util.find_spec("torch") else ["torch"]  # It is large.
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
@@ -73,7 +75,7 @@ nitpick_ignore_regex = [
     # ... but types in signatures may be those of other libraries, private, or type variables.
     (
         "py:.*",
-        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|OpenEXR|anywidget)\..*|ArrayLike|Table|Console|Path|Lens"
+        r"(np|numpy|mi|mitsuba|dr|drjit|jit|scipy|torch|OpenEXR|anywidget)\..*|ArrayLike|Table|Console|Path|Lens"
         r"|(abc|argparse|collections|dataclasses|os|pathlib|threading|types|typing|typing_extensions)\..*",
     ),
     ("py:.*", r"(.*\.)?(_\w+|[A-Z])"),

@@ -86,20 +86,58 @@ class Cluster:
         report: ProgressCallback,
         file: pathlib.Path | None = None,
     ) -> Iterator[tuple[Any, Any]]:
-        """Do ``tasks``, and yield each of them with what it gave, in the order in which they end.
+        """Do the ``tasks`` of a job that has no others, see :meth:`begun` and :meth:`Begun.do`."""
+        begun = self.begun(job, file)
+        yield from begun.do(tasks, names, report)
+        begun.forget()
 
-        ``names`` are theirs. In place of what a task gave there is a :class:`TaskError` where it
-        could not be done. All workers have ``file``, if it is given. ``report`` is told how far
-        the job is. When the iteration ends early what has not begun is not done.
-        """
-        from distributed import as_completed
-
+    def begun(self, job: Job, file: pathlib.Path | None = None) -> Begun:
+        """A job whose tasks may depend on what others gave. All workers have ``file``, if any."""
         folder = os.getcwd() if self.shared else None
         run = Run(uuid.uuid4().hex, folder, self.variant, self.neighbours)
         data = self._sent(file)
         # As a task, and not scattered, it is there again when a worker is lost.
         common = self.client.submit(same, (run, job), pure=False)
-        queues = _Queues(len(tasks), [*self.neighbours])
+        return Begun(self.client, run, common, data)
+
+    def _sent(self, file: pathlib.Path | None) -> Any:
+        """What tells the workers of a file: its path, or where they do not see it its bytes."""
+        if file is None or self.shared:
+            return None if file is None else str(file.resolve())
+        return self.client.scatter((file.name, file.read_bytes()), broadcast=True, hash=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class Begun:
+    """A job that the workers of a cluster have, what they have prepared of it included.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``client``                    Dask's
+    ``run``                       what the workers are told
+    ``common``, ``data``          the run with the job, and what they are told of its file
+    ============================  ==========================================================
+    """
+
+    client: Any
+    run: Run
+    common: Any
+    data: Any
+
+    def do(
+        self, tasks: Sequence[Any], names: Sequence[str], report: ProgressCallback
+    ) -> Iterator[tuple[Any, Any]]:
+        """Do ``tasks``, and yield each of them with what it gave, in the order in which they end.
+
+        ``names`` are theirs. In place of what a task gave there is a :class:`TaskError` where it
+        could not be done. ``report`` is told how far they are. As many tasks as before go to the
+        workers that had these. When the iteration ends early what has not begun is not done.
+        """
+        from distributed import as_completed
+
+        workers = self.run.neighbours
+        queues = _Queues(len(tasks), [*workers])
         at_work: dict[Any, tuple[int, str]] = {}
 
         def give(worker: str) -> None:
@@ -107,7 +145,7 @@ class Cluster:
             if number is None:
                 return
             future = self.client.submit(
-                do, common, data, tasks[number],
+                do, self.common, self.data, tasks[number],
                 workers=[worker], allow_other_workers=True, priority=-number, pure=False,
             )  # fmt: skip
             at_work[future] = number, worker
@@ -116,7 +154,7 @@ class Cluster:
         running = as_completed(loop=self.client.loop)
         try:
             report("Pictures", 0.0)
-            for worker in [*self.neighbours] * IN_FLIGHT:
+            for worker in [*workers] * IN_FLIGHT:
                 give(worker)
             for done, future in enumerate(running, 1):
                 number, worker = at_work.pop(future)
@@ -124,15 +162,12 @@ class Cluster:
                 give(worker)
                 report(names[number], done / len(tasks))
                 yield tasks[number], result
-            self.client.run(forget, run.name)
         finally:
             self.client.cancel([*at_work])
 
-    def _sent(self, file: pathlib.Path | None) -> Any:
-        """What tells the workers of a file: its path, or where they do not see it its bytes."""
-        if file is None or self.shared:
-            return None if file is None else str(file.resolve())
-        return self.client.scatter((file.name, file.read_bytes()), broadcast=True, hash=False)
+    def forget(self) -> None:
+        """Have the workers give up what they have prepared."""
+        self.client.run(forget, self.run.name)
 
 
 class _Queues:

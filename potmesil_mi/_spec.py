@@ -34,7 +34,8 @@ class Spec:
 
     A family is declared by ``class Aperture(Spec, family="aperture", modules=(...))``; the modules
     define the members that the package itself offers, and are imported when a name is not known
-    yet. A field with ``metadata={"spec": False}`` is no parameter of the text.
+    yet. A field with ``metadata={"spec": False}`` is no parameter of the text. What it has cannot
+    be told then, unless members are equal whatever they have there (``compare=False``).
     """
 
     name: ClassVar[str]
@@ -147,7 +148,7 @@ class Spec:
         told = [field.name for field in kind._fields()]
         values = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            if not field.init:
+            if not field.init or not field.compare:
                 continue
             value, default = getattr(self, field.name), _default(field)
             same = value is default or value == default

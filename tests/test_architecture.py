@@ -23,6 +23,7 @@ FLOORS = {
     "focusing": 5,
     "animation": 6,
     "evaluation": 6,
+    "torch": 6,
     "plugins": 7,
     "stacks": 7,
     "living": 8,
@@ -42,6 +43,7 @@ WITHOUT_MITSUBA = (
     "animation",
     "stacks",
     "living",
+    "torch",
 )
 
 LONGEST_FILE = 450

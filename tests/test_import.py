@@ -65,7 +65,7 @@ def test_the_package_tells_type_checkers_that_it_is_typed():
 # ---------------------------------------------------------------- light
 
 LIBRARIES = ("mitsuba", "drjit", "scipy", "numpy", "OpenEXR", "numcodecs", "rich")
-OF_EXTRAS = ("anywidget", "aiohttp")
+OF_EXTRAS = ("anywidget", "aiohttp", "torch")
 HEAVY = str((*LIBRARIES, *OF_EXTRAS))
 LOADED = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
 

@@ -193,7 +193,7 @@ def columns():
     some = few()
     count = len(some)
     return {
-        **{f.name: getattr(some, f.name) for f in dataclasses.fields(some)},
+        **fields_of(some),
         "through": np.zeros(count),
         "visibility": np.ones(count, np.uint64),
         "albedo": np.ones((count, 3)),
@@ -207,7 +207,9 @@ def columns():
 
 
 def fields_of(value):
-    return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
+    """The parameters of a dataclass; what begins with _ is the package's own."""
+    own = [f.name for f in dataclasses.fields(value) if f.init and f.name[0] != "_"]
+    return {name: getattr(value, name) for name in own}
 
 
 class Things:
@@ -430,6 +432,7 @@ ROWS: dict[str, Callable[[Things], Row]] = {
             "tables": 3,
             "inverse_square": False,
             "squares": 1,
+            "tiles": (2, 1),
         },
     ),
     "focus_distance_at": lambda it: Row(
@@ -870,12 +873,21 @@ ASKED_BY_THE_PACKAGE = {
         "circle_kernel",
         "corner_area",
         "points",
+        "profiles",
         "table",
         "transmission",
         "upright_kernel",
     ),
     pm.Filter: ("kernel",),
-    pm.Method: ("check", "default_squares", "form", "points_for", "squares_for"),
+    pm.ImageAperture: ("overlaps",),
+    pm.Method: (
+        "check",
+        "default_squares",
+        "form",
+        "form_attached",
+        "points_for",
+        "squares_for",
+    ),
     pm.PointSpreadFunction: ("table",),
     pm.Window: (
         "contains",
@@ -1084,6 +1096,7 @@ def test_wrong_values_are_refused_by_name(name, it, tmp_path, monkeypatch):
     known = {
         p
         for p, of in inspect.signature(row.function).parameters.items()
+        if p[0] != "_"
         if of.kind != of.VAR_KEYWORD
     }
     assert known == set(row.arguments), "the row must have the parameters of the signature"

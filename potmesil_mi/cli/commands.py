@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._units import MILLIMETERS, Length
+from .cluster import add_tiles, given_forming
 from .given import (
     given_denoise,
     given_form,
@@ -72,6 +73,7 @@ def render_options(command: argparse.ArgumentParser) -> str:
     add_motion(command)
     add_lens(command)
     add_method(command)
+    add_tiles(command)
     add_filter(command)
     return RENDER_EXAMPLES
 
@@ -80,7 +82,6 @@ def render(options: argparse.Namespace) -> None:
     """``potmesil render``: a scene through the lens."""
     from ..filters.base import as_filters
     from ..focusing.aovs import focus_aovs
-    from ..focusing.api import focus
     from ..samples.formed import attributes_of_formed
     from ..samples.maps import maps_of
 
@@ -88,16 +89,16 @@ def render(options: argparse.Namespace) -> None:
     _check_outputs(options.output, form, options.samples, options.maps)
     filters = as_filters(options.filter)
     opened = Opened.of(options)
-    samples = opened.sampled(options, opened.sampling_for(options.maps))
-    maps = maps_of(samples, tuple(options.maps))
-    picture = focus(
-        samples,
-        samples.lens,  # given: a pinhole is meant
-        method=opened.method,
-        filters=filters or opened.filters,
-        rfilter=opened.film.rfilter(),
-        alpha=opened.has_alpha,
-    )
+    with given_forming(options) as form_picture:
+        samples = opened.sampled(options, opened.sampling_for(options.maps))
+        maps = maps_of(samples, tuple(options.maps))
+        picture = form_picture(
+            samples,
+            method=opened.method,
+            filters=filters or opened.filters,
+            rfilter=opened.film.rfilter(),
+            alpha=opened.has_alpha,
+        )
     if opened.focus_aovs and _has_maps(options.output):
         maps |= focus_aovs(samples, method=opened.method, rfilter=opened.film.rfilter())
     _write(picture, attributes_of_formed(samples, opened.method), options.output, maps, form)
@@ -114,6 +115,7 @@ examples:
   potmesil focus figure11.samples --focus-distance 980 -o far.png
   potmesil focus figure11.samples --f-number 8 --method paper --tables 99 -o sharper.exr
   potmesil focus figure11.samples --filter star:points=6 --filter fade:amount=0.3 -o star.png
+  potmesil focus figure11.samples --tiles 2x2 -o tiled.png
 
   potmesil render example:figure10 -D res=128 --maps depth -o sharp.exr -o sharp.png
   potmesil focus sharp.exr --f-number 5.6 --focus-distance 290 -o near.png
@@ -136,6 +138,7 @@ def focus_options(command: argparse.ArgumentParser) -> str:
     add_denoise(command, "no")
     add_lens(command)
     add_method(command)
+    add_tiles(command)
     add_filter(command)
     add_picture(command)
     return FOCUS_EXAMPLES
@@ -162,7 +165,6 @@ def refocus(options: argparse.Namespace) -> None:
         if options.variant is not None:
             set_variant(options.variant)
         from ..focusing import layered  # noqa: F401
-        from ..focusing.api import focus
         from ..samples.formed import attributes_of_formed
         from ..samples.maps import maps_of
 
@@ -171,7 +173,8 @@ def refocus(options: argparse.Namespace) -> None:
         samples = samples.denoised()
     maps = maps_of(samples, tuple(options.maps))
     alpha = shows_coverage(options.samples, samples)
-    picture = focus(samples, samples.lens, method=method, filters=filters, alpha=alpha)
+    with given_forming(options) as form_picture:
+        picture = form_picture(samples, method=method, filters=filters, alpha=alpha)
     _write(picture, attributes_of_formed(samples, method), options.output, maps, form)
     report.written(options.output, samples)
 

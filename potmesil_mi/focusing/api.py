@@ -32,6 +32,7 @@ def focus(
     rfilter: ReconstructionFilter | None = None,
     alpha: bool = False,
     filters: Sequence[FilterFunction | str] = (),
+    tiles: tuple[int, int] | None = None,
 ) -> jit.TensorXf:
     """The picture that ``lens`` forms of ``samples``.
 
@@ -77,13 +78,18 @@ def focus(
     ``filters``                   special effects, applied to the finished picture in their
                                   order: :class:`potmesil_mi.Star`, ``Diffraction``,
                                   ``Defocus``, ``Fade``, or texts such as ``star:points=6``
+    ``tiles``                     form the picture by so many columns and rows of tiles, one
+                                  after the other (default: as a whole). It is the same, up to
+                                  the rounding of sums, takes less memory and longer, and nothing
+                                  is kept for the next focus
     ============================  ==========================================================
 
     What is found out about samples is kept as long as they are, up to 2 GiB, for the next focus;
     :class:`potmesil_mi.FocusSession` lets one bound and clear it. Returns linear RGB (A), (height,
     width, 3 or 4), of the samples' crop window. Raises ``ValueError`` or ``TypeError`` that names
     the parameter, ``NotImplementedError`` for a lens whose parameters have gradients enabled,
-    ``RuntimeError`` while a scalar variant is set.
+    ``RuntimeError`` while a scalar variant is set. By ``tiles`` neither a method of one's own nor,
+    except with ``paper``, samples of an exposure in which something moves can be formed.
     """
     chosen = method_of(
         method,
@@ -92,4 +98,8 @@ def focus(
         inverse_square=inverse_square,
         squares=squares,
     )
+    if tiles is not None:
+        from .tiles.forming import focus_by_tiles
+
+        return focus_by_tiles(samples, lens, chosen, tiles, psf, rfilter, alpha, filters)
     return form_picture(samples, lens, chosen, memo_of(samples), psf, rfilter, alpha, filters)

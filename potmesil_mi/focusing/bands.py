@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..optics.blur import Blur
-from .fragments import Fragments
+from .locating import Bins
 
 SLICE_RADII = 4.0 ** np.arange(12)
 """Radii in subpixels between which circles form a slice; up to the first they are of both signs."""
@@ -62,19 +62,18 @@ class Band:
         ]
 
 
-def bands(counts: np.ndarray, some: Fragments, blur: Blur, kept_radius: float) -> Iterator[Band]:
+def bands(counts: np.ndarray, bins: Bins, blur: Blur, kept_radius: float) -> Iterator[Band]:
     """The bands that have fragments, from the nearest.
 
-    ``counts``, int64 (bins,), tells how many each bin has, which are those of ``some`` fragments.
-
-    Around each of the ``SLICE_RADII`` they are parted where there are the fewest fragments: between
-    surfaces rather than within one.
+    ``counts``, (B,), tell how many fragments each of the ``bins`` has. Around each of the
+    ``SLICE_RADII`` they are parted where there are the fewest fragments: between surfaces rather
+    than within one.
     """
     if blur.radius_per_vergence == 0:
         yield Band(0, len(counts), 0.0, 0.0, 1.0, 1, 1)
         return
-    focused = (blur.focused_vergence - some.vergence_min) / some.bin_width
-    bins = 1 / (blur.radius_per_vergence * some.bin_width)
+    focused = (blur.focused_vergence - bins.vergence_min) / bins.width
+    bins_of_radius = 1 / (blur.radius_per_vergence * bins.width)
 
     def fragments_in(bin_: np.ndarray) -> np.ndarray:
         inside = (bin_ >= 0) & (bin_ < len(counts))
@@ -82,13 +81,13 @@ def bands(counts: np.ndarray, some: Fragments, blur: Blur, kept_radius: float) -
 
     def parting(edge: float) -> int:
         """The first bin beyond a signed radius; it begins a bin of the coarser views, too."""
-        size = _resolution(abs(edge) * PARTING, kept_radius)
-        ends = sorted(focused + edge * bins * by for by in (1 / PARTING, PARTING))
+        size = resolution_of(abs(edge) * PARTING, kept_radius)
+        ends = sorted(focused + edge * bins_of_radius * by for by in (1 / PARTING, PARTING))
         first, last = (min(max(round(end / size), 0), len(counts) // size + 1) for end in ends)
         at = np.arange(first, last + 1) * size
         number = fragments_in(at - 1) + fragments_in(at)
         fewest = at[number == number.min()]
-        return int(fewest[np.abs(fewest - (focused + edge * bins)).argmin()])
+        return int(fewest[np.abs(fewest - (focused + edge * bins_of_radius)).argmin()])
 
     edges = [*-SLICE_RADII[::-1], *SLICE_RADII]
     partings = [0, *(parting(edge) for edge in edges[1:-1]), len(counts)]
@@ -97,17 +96,17 @@ def bands(counts: np.ndarray, some: Fragments, blur: Blur, kept_radius: float) -
         if len(filled) == 0:
             continue
         first, end = int(filled[0]), int(filled[-1]) + 1
-        inner, outer = sorted(abs(end - focused) / bins for end in (first, end))
+        inner, outer = sorted(abs(end - focused) / bins_of_radius for end in (first, end))
         if edges[i] < 0 < edges[i + 1]:
             yield Band(first, end, 0.0, outer, 1.0, 1, 1)
         else:
             sign = math.copysign(1, edges[i])
-            resolution = _resolution(inner, kept_radius)
-            highlight_resolution = _resolution(inner, HIGHLIGHT_FINER * kept_radius)
+            resolution = resolution_of(inner, kept_radius)
+            highlight_resolution = resolution_of(inner, HIGHLIGHT_FINER * kept_radius)
             yield Band(first, end, inner, outer, sign, resolution, highlight_resolution)
 
 
-def _resolution(radius: float, kept_radius: float) -> int:
+def resolution_of(radius: float, kept_radius: float) -> int:
     """Width in subpixels of the pixels on which circles of at least a ``radius`` are spread."""
     if radius < kept_radius:
         return 1

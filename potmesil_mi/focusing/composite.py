@@ -65,7 +65,8 @@ class Compositor:
     ``crop`` is what the picture shows, in subpixels of the samples' window; ``channels`` are R, G,
     B, the share of what is covered, and perhaps alpha. The samples have a ``density``, (H, W),
     ``None`` where it is even, and ``moments``, (H, W, K), see
-    :class:`potmesil_mi.focusing.density.Evened`; a pixel has ``subpixels`` on a side.
+    :class:`potmesil_mi.focusing.density.Evened`; a pixel has ``subpixels`` on a side. If it
+    ``is_tile`` what is nearly in focus may be in other tiles alone.
     """
 
     def __init__(
@@ -75,8 +76,10 @@ class Compositor:
         subpixels: int = 1,
         density: np.ndarray | None = None,
         moments: np.ndarray | None = None,
+        is_tile: bool = False,
     ) -> None:
         self.crop, self.subpixels, self.density, self.moments = crop, subpixels, density, moments
+        self.is_tile = is_tile
         # What is covered adds up in the column of shares, and with all that is behind in a plane.
         self.total = np.zeros((*crop.shape, channels), dtype=np.float32)
         self.covered = np.zeros(crop.shape, dtype=np.float32)
@@ -90,6 +93,8 @@ class Compositor:
         parts = [_Overlap.of(each, self.crop) for each in slices]
         parts = [part for part in parts if not part.place.is_empty]
         if not parts:
+            if self.is_tile and slices and slices[0].is_sharp:
+                self.sharp = slices[0]
             return
         left, top = min(part.place.left for part in parts), min(part.place.top for part in parts)
         right = max(part.place.right for part in parts)

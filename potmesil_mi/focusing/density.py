@@ -49,19 +49,22 @@ class Evened(NamedTuple):
         return sum(of.nbytes for of in self if of is not None)
 
 
-def evened(fragments: Fragments, reach: int, detail: Detail | None = None) -> Evened:
+def evened(
+    fragments: Fragments, reach: int, detail: Detail | None = None, is_even: bool | None = None
+) -> Evened:
     """The ``fragments`` as if each subpixel had its full share of samples.
 
     A subpixel without a sample of what the pinhole sees borrows all fragments of the nearest one
     that has some, up to ``reach`` rows and columns away, or farther where samples are so few that
-    each stands for several subpixels; where there is none, density is 0.
+    each stands for several subpixels; where there is none, density is 0. ``is_even`` says whether
+    they are even in the picture that they are a tile of; otherwise they are looked at.
     """
     height, width = fragments.height, fragments.width
     subpixel, first = fragments.subpixel, fragments.first
     share = fragments.values[:, SHARE]
     total = np.bincount(subpixel[first], share[first], height * width)
     density = total.astype(np.float32).reshape(height, width)
-    if np.abs(density - 1).max() < EVEN:
+    if np.abs(density - 1).max() < EVEN if is_even is None else is_even:
         return _with_detail(Evened(fragments, None, _moments(fragments)), detail, None)
     sampled = density > 0
     if not sampled.all():

@@ -26,6 +26,7 @@ from .._progress import track
 from ..optics.convolution import convolve_fully
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
+from .choices import TableEnds
 from .exposure import Exposure
 from .fragments import among_few, scatter_mode
 from .smearing import samples_along_paths
@@ -67,21 +68,18 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     the light that reaches it before its fall-off. A subpixel that no light reaches is 0 and counts
     nothing.
     """
-    samples = samples_along_paths(exposure.samples.visible())
-    exposure = dataclasses.replace(exposure, samples=samples)
+    exposure = as_seen(exposure)
+    samples = exposure.samples
     classes = PositionClasses.of(exposure)
     # As far as a sample can be from a subpixel of the crop window.
     whole = samples.window.subdivided(exposure.subpixels)
     farthest = whole.width + exposure.crop.width, whole.height + exposure.crop.height
     inverse_square = inverse_square and not exposure.telecentric
-    # The depth of an orthographic camera is affine in 1/z of what stands for its samples.
-    with np.errstate(divide="ignore"):
-        depths = 1 / samples.z if exposure.telecentric else samples.z
-    if not exposure.telecentric:
-        last = exposure.blur.radius_per_vergence / AS_IF_INFINITE or samples.z.min() / NEAREST
-        depths = np.where(depths > last, np.float32(np.inf), depths)
-    finite = depths[np.isfinite(depths)]
-    stack = _TableStack.of(np.maximum(depths, NEAREST * finite.max(initial=0)), tables)
+    depths = _depths(exposure)
+    ends = table_ends(exposure) if exposure.choices is None else exposure.choices.tables
+    assert ends is not None
+    depths = np.where(depths > ends.last, np.float32(np.inf), depths)
+    stack = _TableStack.of(np.maximum(depths, ends.nearest), ends, tables)
     columns = [samples.rgb] + ([samples.alpha[:, None]] if exposure.alpha else [])
     # Only differences from the mean are convolved: a uniform picture stays so to the last digit.
     mean = np.concatenate([samples.weight @ column for column in columns])
@@ -124,6 +122,34 @@ def form(exposure: Exposure, tables: int, inverse_square: bool) -> tuple[np.ndar
     )
     weights = np.ones_like(light) if samples.lattice else np.maximum(light, 0)
     return np.where(lit[..., None], np.clip(q, least, most), 0), np.where(lit, weights, 0)
+
+
+def as_seen(exposure: Exposure) -> Exposure:
+    """The exposure of what the pinhole sees, along the paths of what moves."""
+    return dataclasses.replace(exposure, samples=samples_along_paths(exposure.samples.visible()))
+
+
+def _depths(exposure: Exposure) -> np.ndarray:
+    """The depths of samples that steps between tables are equal in, float32 (N,).
+
+    The depth of an orthographic camera is affine in 1/z of what stands for its samples.
+    """
+    z = exposure.samples.z
+    with np.errstate(divide="ignore"):
+        return 1 / z if exposure.telecentric else z
+
+
+def table_ends(exposure: Exposure) -> TableEnds:
+    """Where the tables of all samples of an exposure end, :func:`as_seen`."""
+    depths, last = _depths(exposure), math.inf
+    if not exposure.telecentric:
+        radius = exposure.blur.radius_per_vergence
+        last = radius / AS_IF_INFINITE or float(depths.min()) / NEAREST
+    finite = depths[np.isfinite(depths) & (depths <= last)]
+    if len(finite) == 0:
+        return TableEnds(np.float32(0), np.float32(0), last)
+    farthest = finite.max()
+    return TableEnds(np.maximum(finite.min(), NEAREST * farthest), farthest, last)
 
 
 class PositionClasses(NamedTuple):
@@ -178,11 +204,9 @@ class _TableStack:
     nearer: np.ndarray
 
     @classmethod
-    def of(cls, z: np.ndarray, tables: int) -> _TableStack:
+    def of(cls, z: np.ndarray, ends: TableEnds, tables: int) -> _TableStack:
         finite = np.isfinite(z)
-        nearest, farthest = 1.0, 1.0
-        if finite.any():
-            nearest, farthest = float(z.min()), float(z[finite].max())
+        nearest, farthest = float(ends.nearest) or 1.0, float(ends.farthest) or 1.0
         spacing = max(farthest - nearest, np.finfo(np.float32).tiny) / (tables - 1)
         nearer = np.full(len(z), tables, dtype=np.int16)
         nearer[finite] = np.minimum((z[finite] - nearest) / spacing, tables - 2)

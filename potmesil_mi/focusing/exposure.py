@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..optics.blur import Blur
 from ..optics.lens import ThinLens
@@ -10,8 +11,21 @@ from ..optics.psf import PointSpreadFunction
 from ..samples.point_samples import PointSamples
 from ..samples.raster import Window
 
+if TYPE_CHECKING:
+    from .choices import Choices
+
 FINE_SUBPIXELS = 4
 """Subpixels on a side of a pixel from which on kernels are closer, where visibility is exact."""
+
+
+class Visibility(NamedTuple):
+    """From how many points of the lens visibility is found, and whether of exactly that lens.
+
+    Otherwise that of a lens with a similar aperture will do.
+    """
+
+    lens_points: int
+    exact: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +45,10 @@ class Exposure:
                                   does not fall off, and 1/z is what steps of depth are equal in
     ``degree``                    up to which the film asks for moments: where in a subpixel light
                                   is, see :mod:`potmesil_mi.focusing.moments`
+    ``choices``                   what the picture has chosen that the exposure is of a tile of;
+                                  ``None`` where it is of the picture itself
+    ``lit``                       of a tile: from which subpixels of the samples' window light may
+                                  be in it
     ============================  ==========================================================
     """
 
@@ -41,6 +59,8 @@ class Exposure:
     alpha: bool
     telecentric: bool = False
     degree: int = 0
+    choices: Choices | None = None
+    lit: Window | None = None
 
     @property
     def blur(self) -> Blur:

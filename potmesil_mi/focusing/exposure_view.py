@@ -19,7 +19,7 @@ from .gathering import gather_with_known
 from .highlight_visibility import Jitter
 from .lens_points import LensPoints
 from .lens_view import LensView, Occluded, ViewPyramid
-from .locating import Bins, located_in, one_subpixel_each, places_of
+from .locating import Bins, Raster, located_in, one_subpixel_each, places_of
 from .smearing import smeared
 
 LEAST_BINS = 64
@@ -78,7 +78,7 @@ def _with_motion(fragments: Fragments, samples: PointSamples, subpixels: int) ->
     if samples.motion is not None:
         samples = one_subpixel_each(samples, subpixels)
         assert samples.motion is not None
-        raster = samples.window.subdivided(subpixels)
+        raster = Raster.of(samples, subpixels)
         bins = Bins(fragments.vergence_min, fragments.bin_width)
         located = functools.partial(located_in, samples, subpixels, raster)
         subpixel, _, _, bin_ = places_of(located, np.arange(len(samples)), bins)

@@ -74,6 +74,8 @@ class Fragments:
                                   that it stands for; ``None`` where all stands still
     ``instant``                   int32 (N,), of which part of the exposure it is; ``None``
                                   where there is one
+    ``left``, ``top``             first column and row, in subpixels of the whole picture, of the
+                                  tile that they are of; 0 where there are no tiles
     ============================  ==========================================================
     """
 
@@ -93,6 +95,8 @@ class Fragments:
     known: np.ndarray | None = None
     motion: np.ndarray | None = None
     instant: np.ndarray | None = None
+    left: int = 0
+    top: int = 0
 
     def __len__(self) -> int:
         return len(self.x)
@@ -243,6 +247,8 @@ class Fragments:
             self.bin_width * factor,
             motion=motion,
             instant=instant,
+            left=self.left // factor,
+            top=self.top // factor,
         )
         return coarse.in_order(), index
 

@@ -25,7 +25,16 @@ from .fragments import (
     as_column,
     scatter_mode,
 )
-from .locating import Bins, Located, index_of, located_in, one_subpixel_each, parts_of, places_of
+from .locating import (
+    Bins,
+    Located,
+    Raster,
+    index_of,
+    located_in,
+    one_subpixel_each,
+    parts_of,
+    places_of,
+)
 from .moments import legendre, orders
 
 
@@ -46,7 +55,8 @@ def gather(
     bool (N,), is true are gathered, if it is given.
     """
     terms = _Terms.of(degree)
-    return _gather(samples, subpixels, radius_per_vergence, alpha, terms, bins, which)[0]
+    bins = bins or Bins.of(samples.z, radius_per_vergence)
+    return _gather(samples, subpixels, alpha, terms, bins, which)[0]
 
 
 class _Terms(NamedTuple):
@@ -75,18 +85,17 @@ class _Terms(NamedTuple):
 def _gather(
     samples: PointSamples,
     subpixels: int,
-    radius_per_vergence: float,
     alpha: bool,
     terms: _Terms,
-    bins: Bins | None,
+    bins: Bins,
     which: np.ndarray | None,
+    whole: Window | None = None,
 ) -> tuple[Fragments, Detail | None]:
     """What :func:`gather` returns, and the table of its detail."""
     if samples.lattice > 0:
         samples = one_subpixel_each(samples if which is None else samples.chosen(which), subpixels)
         which = None
-    raster = samples.window.subdivided(subpixels)
-    bins = bins or Bins.of(samples.z, radius_per_vergence)
+    raster = Raster.of(samples, subpixels, whole)
     located = functools.partial(located_in, samples, subpixels, raster)
 
     room = among_few(raster.size)
@@ -168,26 +177,25 @@ def gather_with_known(
     degree: int = 0,
     bins: Bins | None = None,
     detail_degree: int = 0,
+    whole: Window | None = None,
+    some_known: bool | None = None,
 ) -> Gathered:
     """Samples gathered as by :func:`gather`, those of known visibility apart from the others.
 
     ``detail_degree`` is that of the moments that tell their detail. Those of known visibility that
     are on rays of the pinhole cover what is behind them, or behind the mirror or pane that they are
-    seen through.
+    seen through. ``whole`` is the window of the picture that the samples are a tile of, if they
+    are, and ``some_known`` says whether there are any of known visibility in that.
     """
     terms = _Terms.of(degree, detail_degree)
-    if samples.visibility is None or not samples.visibility.any():
-        found, detail = _gather(
-            samples, subpixels, radius_per_vergence, alpha, terms, bins, which=None
-        )
+    bins = bins or bins_of(samples, radius_per_vergence)
+    if not (has_known(samples) if some_known is None else some_known):
+        found, detail = _gather(samples, subpixels, alpha, terms, bins, None, whole)
         return Gathered(found, None, detail)
     samples = one_subpixel_each(samples, subpixels)
-    known, depth = np.asarray(samples.visibility) != 0, samples.z
-    if samples.through is not None:
-        depth = np.where(samples.through > 0, samples.through, depth)
-    bins = bins or Bins.of(samples.z, radius_per_vergence, depth)
+    known, depth = np.asarray(samples.visibility) != 0, depth_of_covers(samples)
     fragments, detail, seen = _gathered_known(
-        samples, np.flatnonzero(known), subpixels, bins, alpha, terms
+        samples, np.flatnonzero(known), subpixels, bins, alpha, terms, whole
     )
     parts = [(fragments, detail)]
     covers = samples if samples.through is None else samples.replace(z=depth)
@@ -197,11 +205,30 @@ def gather_with_known(
         (known & (samples.layer != ELSEWHERE), COVERS, without),
     ):
         if which.any():
-            found, detail = _gather(covers, subpixels, radius_per_vergence, alpha, of, bins, which)
+            found, detail = _gather(covers, subpixels, alpha, of, bins, which, whole)
             found = dataclasses.replace(found, known=np.full(len(found), kind, np.int32))
             parts.append((found, detail))
     fragments, detail = joined(parts)
     return Gathered(_with_gaps(fragments.in_order()), seen, detail)
+
+
+def has_known(samples: PointSamples) -> bool:
+    """Whether there are samples of known visibility."""
+    return samples.visibility is not None and bool(samples.visibility.any())
+
+
+def bins_of(samples: PointSamples, radius_per_vergence: float) -> Bins:
+    """The bins in which :func:`gather_with_known` gathers samples, by default."""
+    if not has_known(samples):
+        return Bins.of(samples.z, radius_per_vergence)
+    return Bins.of(samples.z, radius_per_vergence, depth_of_covers(samples))
+
+
+def depth_of_covers(samples: PointSamples) -> np.ndarray:
+    """The depth at which samples cover others: that of the mirror or pane of what one shows."""
+    if samples.through is None:
+        return samples.z
+    return np.where(samples.through > 0, samples.through, samples.z)
 
 
 def _gathered_known(
@@ -211,6 +238,7 @@ def _gathered_known(
     bins: Bins,
     alpha: bool,
     terms: _Terms,
+    whole: Window | None,
 ) -> tuple[Fragments, Detail | None, np.ndarray]:
     """Samples ``index``, of known visibility: their light, its detail, and what the lens sees.
 
@@ -219,7 +247,7 @@ def _gathered_known(
     there are points that see it.
     """
     assert samples.visibility is not None
-    raster = samples.window.subdivided(subpixels)
+    raster = Raster.of(samples, subpixels, whole)
     visibility, area = samples.visibility[index], samples.weight[index]
     seen_by = points_that_see(visibility)
     partly = seen_by < VISIBILITY_POINTS
@@ -249,18 +277,19 @@ def _gathered_known(
 
 
 def _fragments(
-    raster: Window,
+    raster: Raster,
     bins: Bins,
     place: np.ndarray,
     vergence: np.ndarray,
     light: np.ndarray,
 ) -> Fragments:
     """Fragments, not in order, of sums by subpixel and depth; nothing is known to be hidden."""
+    left, top, width, height = raster.window
     return Fragments(
-        raster.width,
-        raster.height,
-        place % raster.width,
-        place // raster.width,
+        width,
+        height,
+        place % width,
+        place // width,
         vergence,
         light[:, 0],
         np.zeros(len(place)),
@@ -268,6 +297,8 @@ def _fragments(
         bins.vergence_min,
         bins.width,
         moments=light[:, 1:] if light.shape[1] > 1 else None,
+        left=left,
+        top=top,
     )
 
 
@@ -281,10 +312,12 @@ def _with_gaps(fragments: Fragments) -> Fragments:
     return dataclasses.replace(fragments, gap_in_front=np.where(first, 0, gap).astype(np.float32))
 
 
-def with_offsets(fragments: Fragments, samples: PointSamples, subpixels: int) -> Fragments:
+def with_offsets(
+    fragments: Fragments, samples: PointSamples, subpixels: int, whole: Window | None = None
+) -> Fragments:
     """Fragments of ``samples``, some or all that :func:`gather` made, with their ``offset``."""
     samples = one_subpixel_each(samples, subpixels)
-    raster = samples.window.subdivided(subpixels)
+    raster = Raster.of(samples, subpixels, whole)
     located = functools.partial(located_in, samples, subpixels, raster)
     own, first = fragments.subpixel, fragments.first
     asked = np.zeros(raster.size, dtype=np.uint8)

@@ -31,8 +31,9 @@ class Jitter:
     """
 
     def __init__(self, fragments: Fragments, cell: float = 0.0) -> None:
-        mixed = fragments.x.astype(np.uint32) * np.uint32(0x9E3779B1)
-        mixed ^= fragments.y.astype(np.uint32) * np.uint32(0x85EBCA77)
+        x, y = fragments.x + fragments.left, fragments.y + fragments.top
+        mixed = x.astype(np.uint32) * np.uint32(0x9E3779B1)
+        mixed ^= y.astype(np.uint32) * np.uint32(0x85EBCA77)
         mixed = (mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
         mixed ^= mixed >> np.uint32(13)
         angle = (mixed & np.uint32(0xFFFF)) * (2 * math.pi / 65536)
@@ -93,16 +94,18 @@ def visibility_of_highlights(
     u, v = (dr.gather(jit.Float, jit.from_numpy(jit.Float, column), point) for column in points.T)
     u, v = Jitter(highlights, cell).moved(u, v, point, fragment)
     x, y = (
-        dr.gather(jit.Float, jit.from_numpy(jit.Float, column + np.float32(0.5)), fragment)
-        for column in (highlights.x, highlights.y)
+        dr.gather(jit.Float, jit.from_numpy(jit.Float, column + np.float32(first + 0.5)), fragment)
+        for column, first in ((highlights.x, highlights.left), (highlights.y, highlights.top))
     )
     own = jit.from_numpy(jit.Float, highlights.vergence * np.float32(radius_per_vergence))
     own = dr.gather(jit.Float, own, fragment)
-    wide, high = dr.opaque(jit.Int32, width), dr.opaque(jit.Int32, height)
+    left, top, wide, high = (
+        dr.opaque(jit.Int32, of) for of in (fragments.left, fragments.top, width, height)
+    )
 
     def step(way: jit.Float, free: jit.Float) -> tuple[jit.Float, jit.Float]:
-        column = jit.Int32(dr.floor(dr.fma(-way, u, x)))
-        row = jit.Int32(dr.floor(dr.fma(-way, v, y)))
+        column = jit.Int32(dr.floor(dr.fma(-way, u, x))) - left
+        row = jit.Int32(dr.floor(dr.fma(-way, v, y))) - top
         inside = (column >= 0) & (row >= 0) & (column < wide) & (row < high)
         place = jit.UInt32(row * wide + column)
         parallax = dr.gather(jit.Float, parallaxes, place, inside) - own

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -24,29 +26,77 @@ MAX_HIGHLIGHTS = 1 << 14
 """Most highlights of a view: the brightest ones."""
 
 
-def is_highlight(fragments: Fragments) -> np.ndarray:
+class HighlightLimits(NamedTuple):
+    """What all of a picture says of its highlights.
+
+    They are brighter than ``least``, and than ``faintest``, the brightest that there is no room
+    for.
+    """
+
+    least: np.float64
+    faintest: float
+
+
+class Peaks(NamedTuple):
+    """How bright fragments are.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``shape``                     rows and columns of the raster
+    ``subpixel``                  int (N,), where each is
+    ``first``                     bool (N,), whether the pinhole sees it
+    ``peak``                      float32 (N,), the largest of R, G and B where it fills a
+                                  subpixel
+    ============================  ==========================================================
+    """
+
+    shape: tuple[int, int]
+    subpixel: np.ndarray
+    first: np.ndarray
+    peak: np.ndarray
+
+    @classmethod
+    def of(cls, fragments: Fragments) -> Peaks:
+        """Those of ``fragments``."""
+        # Samples of what is hidden may be more than fill a subpixel.
+        filled = np.maximum(fragments.values[:, SHARE], 1)
+        peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
+        shape = fragments.height, fragments.width
+        return cls(shape, fragments.subpixel, fragments.first, peak)
+
+    def highlights(
+        self, limits: HighlightLimits | None = None
+    ) -> tuple[np.ndarray, HighlightLimits]:
+        """The highlights, bool (N,), and the ``limits`` of these, found here unless given."""
+        shape, subpixel, first, peak = self
+        picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
+        around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
+        least = (
+            HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel]) if limits is None else limits.least
+        )
+        bright = peak > least
+        stands_out = np.zeros(shape, dtype=bool)
+        contrasts = peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel]
+        stands_out.flat[subpixel[bright & contrasts]] = True
+        bright &= scipy.ndimage.binary_dilation(stands_out, np.ones((3, 3))).ravel()[subpixel]
+        if limits is None:
+            faintest = -math.inf
+            if bright.sum() > MAX_HIGHLIGHTS:
+                faintest = np.partition(peak[bright], -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]
+            limits = HighlightLimits(least, float(faintest))
+        bright &= peak > limits.faintest
+        return bright, limits
+
+
+def is_highlight(fragments: Fragments, limits: HighlightLimits | None = None) -> np.ndarray:
     """The fragments, bool (N,), much brighter than most subpixels and than what is around them.
 
     So are bright ones beside these: where such a thing ends in the middle of a subpixel it shows,
-    too. There are at most ``MAX_HIGHLIGHTS``.
+    too. There are at most ``MAX_HIGHLIGHTS``. ``limits`` are those of the picture that the
+    fragments are a tile of, if they are.
     """
-    # Samples of what is hidden may be more than fill a subpixel.
-    filled = np.maximum(fragments.values[:, SHARE], 1)
-    peak = fragments.values[:, :SHARE].max(axis=1, initial=0) / filled
-    subpixel, first = fragments.subpixel, fragments.first
-    shape = fragments.height, fragments.width
-    picture = np.bincount(subpixel[first], peak[first], shape[0] * shape[1])
-    around = scipy.ndimage.uniform_filter(picture.reshape(shape), NEIGHBOURHOOD)
-    least = HIGHLIGHT_TO_MEDIAN * np.median(picture[subpixel])
-    bright = peak > least
-    stands_out = np.zeros(shape, dtype=bool)
-    stands_out.flat[subpixel[bright & (peak > HIGHLIGHT_CONTRAST * around.ravel()[subpixel])]] = (
-        True
-    )
-    bright &= scipy.ndimage.binary_dilation(stands_out, np.ones((3, 3))).ravel()[subpixel]
-    if bright.sum() > MAX_HIGHLIGHTS:
-        bright &= peak > np.partition(peak[bright], -MAX_HIGHLIGHTS)[-MAX_HIGHLIGHTS]
-    return bright
+    return Peaks.of(fragments).highlights(limits)[0]
 
 
 def parted(fragments: Fragments, bright: np.ndarray) -> tuple[Fragments, Fragments]:

@@ -180,10 +180,14 @@ def without_variance(
             if small
             else _variance(kernel) - SUBPIXEL_VARIANCE
         )
-    left = max(variance - smeared, 0)
-    if left < FITTED_ROW_VARIANCE:
+    if variance - smeared < FITTED_ROW_VARIANCE:
         return _fitted_row(table(FITTED_FINER))
-    return table(math.sqrt((left - SUBPIXEL_VARIANCE) / variance))
+    return table(scale_without(smeared, variance))
+
+
+def scale_without(smeared: float, variance: float) -> float:
+    """How much smaller a distribution is that is to be ``smeared``, and by a pixel, to have one."""
+    return math.sqrt((variance - smeared - SUBPIXEL_VARIANCE) / variance)
 
 
 def _row(variance: float) -> np.ndarray:
@@ -203,18 +207,56 @@ def _fitted_row(fine: np.ndarray) -> np.ndarray:
     has the least mean square error for pictures whose power falls off as 1/f^2, as that of edges
     does, gathered by pixel.
     """
-    frequency = np.linspace(0.005, 2, 400)[:, None]  # periods a pixel
-    transform = np.zeros(len(frequency))
+    response, amplitude = _responses_of_rows()
+    transform = np.zeros(len(response))
     for share in (fine.sum(axis=0), fine.sum(axis=1)):
-        place = (np.arange(len(share)) - len(share) // 2) / FITTED_FINER
-        transform += np.cos(2 * np.pi * frequency * place) @ share / 2
-    transform /= np.sinc(frequency[:, 0] / FITTED_FINER)
-    amplitude = np.sinc(frequency) / frequency
-    steps = 1 + np.arange(FITTED_REACH)
-    response = 2 * np.cos(2 * np.pi * frequency * steps) - 2
+        transform += _waves(len(share)) @ share
+    transform /= _sinc_of_fine()
     fitted = _non_negative_least_squares(response * amplitude, (transform - 1) * amplitude[:, 0])
     fitted = np.trim_zeros(fitted, "b")
     return np.concatenate([fitted[::-1], [1 - 2 * fitted.sum()], fitted])
+
+
+def fitted_row_slope(row: np.ndarray, length: int) -> np.ndarray:
+    """How a fitted ``row``, (n,), changes with what it is fitted to, float64 (n, ``length``).
+
+    That is with the sums of the fine table, of so many elements on a side, along one of its axes.
+    What is 0 in the row, as it must not be negative, stays so.
+    """
+    response, amplitude = _responses_of_rows()
+    middle = len(row) // 2
+    free = np.flatnonzero(row[middle + 1 :] > 0)
+    slope = np.zeros((middle, length))
+    if len(free) > 0:
+        target = _waves(length) / _sinc_of_fine()[:, None] * amplitude
+        slope[free] = np.linalg.lstsq((response * amplitude)[:, free], target, rcond=None)[0]
+    return np.concatenate([slope[::-1], -2 * slope.sum(axis=0, keepdims=True), slope])
+
+
+@functools.cache
+def _responses_of_rows() -> tuple[np.ndarray, np.ndarray]:
+    """Frequency by frequency, (400, ...): what each step of a row adds, and how much it counts."""
+    frequency = _frequencies()
+    steps = 1 + np.arange(FITTED_REACH)
+    response = 2 * np.cos(2 * np.pi * frequency * steps) - 2
+    return response, np.sinc(frequency) / frequency
+
+
+@functools.lru_cache(maxsize=64)
+def _waves(length: int) -> np.ndarray:
+    """Half the cosines, (400, ``length``), of the places along an axis of a fine table."""
+    place = (np.arange(length) - length // 2) / FITTED_FINER
+    return np.cos(2 * np.pi * _frequencies() * place) / 2
+
+
+def _sinc_of_fine() -> np.ndarray:
+    """What is left of waves, (400,), in the pixels of the fine table."""
+    return np.sinc(_frequencies()[:, 0] / FITTED_FINER)
+
+
+def _frequencies() -> np.ndarray:
+    """Those at which rows are fitted, (400, 1), in periods a pixel."""
+    return np.linspace(0.005, 2, 400)[:, None]
 
 
 def _non_negative_least_squares(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:

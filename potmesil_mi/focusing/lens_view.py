@@ -9,16 +9,18 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import _backend as jit
+from ..samples.raster import Window
 from .detail import Detail
 from .fragments import COVERS, MAX_BINS, SHARE, FragmentColumns, Fragments, as_column
 from .highlight_visibility import Jitter, visibility_of_highlights
-from .highlights import is_highlight, parted
+from .highlights import HighlightLimits, is_highlight, parted
 from .lens_points import LensPoints
-from .visibility import visibility
+from .visibility import SightLimits, visibility
 
 COARSER_PARTS = 3
 """Parts of a coarser view that are made before the whole is."""
@@ -116,6 +118,13 @@ class Occluded:
         )
 
 
+class ViewLimits(NamedTuple):
+    """What the view of a tile takes from the whole picture."""
+
+    sight: SightLimits
+    highlights: HighlightLimits
+
+
 @dataclasses.dataclass(frozen=True)
 class LensView:
     """Fragments, parted by what the lens sees of them, before it is focused.
@@ -129,12 +138,15 @@ class LensView:
                                   both kinds exceed what is beside them: they show the shape of
                                   the lens and how it is cut, are looked at from more points,
                                   and are the same in all coarser views
+    ``single``                    the limits of single points, of the picture that the view is of
+                                  a tile of; ``None`` where it is of a picture itself
     ============================  ==========================================================
     """
 
     unoccluded: Fragments
     occluded: Occluded
     highlights: Occluded
+    single: HighlightLimits | None = None
 
     @classmethod
     def of(
@@ -145,6 +157,8 @@ class LensView:
         single_points: bool = True,
         located: Callable[[Fragments], Fragments] = lambda highlights: highlights,
         seen_of_known: np.ndarray | None = None,
+        limits: ViewLimits | None = None,
+        lit: Window | None = None,
     ) -> LensView:
         """The view of ``fragments`` from the ``lens_points``.
 
@@ -152,12 +166,13 @@ class LensView:
         Without ``single_points`` only fragments that are seen in part can be highlights.
         ``located`` gives highlights their offsets. ``seen_of_known``, uint8 (n, M), is what the
         points see of fragments of which that is known: a row for each number in their ``known``.
+        ``limits`` are those of the picture that they are a tile of, if they are, and the view then
+        is of the fragments that are ``lit``.
         """
-        covers = fragments
-        if fragments.known is not None:
-            covers = fragments.chosen(fragments.known < 0)
+        covers = covers_of(fragments)
         points, times = lens_points.points, lens_points.times
-        coverable, seen = visibility(covers, radius_per_vergence, points, times)
+        sight, bright_ones = (None, None) if limits is None else limits
+        coverable, seen = visibility(covers, radius_per_vergence, points, times, sight, lit)
         # The pinhole does see its samples: without a trace of them there might be black holes.
         first = covers.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
@@ -168,10 +183,14 @@ class LensView:
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
-        bright = is_highlight(fragments) & ((unoccluded & single_points) | occluded)
+        bright = is_highlight(fragments, bright_ones) & ((unoccluded & single_points) | occluded)
         if fragments.known is not None:
             bright &= fragments.known < 0
         fragments, highlights = parted(fragments, bright)
+        if lit is not None:
+            highlights = highlights.chosen(lit.contains(highlights.x, highlights.y))
+            unoccluded &= lit.contains(fragments.x, fragments.y)
+            occluded &= lit.contains(fragments.x, fragments.y)
         chosen, more = located(highlights), lens_points.highlight_points
         seen_of_chosen = visibility_of_highlights(
             covers, chosen, radius_per_vergence, more, lens_points.cell
@@ -231,7 +250,7 @@ class LensView:
         """Index, (n,), of unoccluded fragments so bright that their place in a subpixel shows."""
         if self.unoccluded.offset is None:
             return np.empty(0, dtype=np.int64)
-        return np.flatnonzero(is_highlight(self.unoccluded))
+        return np.flatnonzero(is_highlight(self.unoccluded, self.single))
 
 
 class ViewPyramid:
@@ -272,6 +291,11 @@ class ViewPyramid:
         parts[bins] = self.finest.between(bins).coarser(factor)
         return parts[bins]
 
+    def of_tile(self, single: HighlightLimits | None) -> ViewPyramid:
+        """The same with the limits of single points that all of the picture has."""
+        finest = dataclasses.replace(self.finest, single=single)
+        return ViewPyramid(finest, self.density, self.moments, self.detail)
+
     @property
     def nbytes(self) -> int:
         """Memory in bytes: the columns of all levels, each on the host and on the device."""
@@ -283,6 +307,18 @@ class ViewPyramid:
             of.nbytes for of in (self.density, self.moments, self.detail) if of is not None
         )
         return 2 * (self.finest.highlights.nbytes + sum(map(sum, kinds))) + of_samples
+
+
+def covers_of(fragments: Fragments) -> Fragments:
+    """The fragments that may hide others, and of which what lens points see is inferred."""
+    return fragments if fragments.known is None else fragments.chosen(fragments.known < 0)
+
+
+def as_lit(fragments: Fragments, lens_points: LensPoints) -> Fragments:
+    """The fragments that have light, as bright as a :class:`LensView` has them."""
+    if fragments.known is not None:
+        fragments = fragments.chosen(fragments.known != COVERS)
+    return _inside_rim(fragments, lens_points)[1] if lens_points.has_rim else fragments
 
 
 def _with_known(
@@ -311,10 +347,9 @@ def _within_rim(
 ) -> tuple[np.ndarray, np.ndarray, Fragments]:
     """What lens points see of all fragments where the rim of the lens lets through a part only.
 
-    That part becomes brighter: what the rim takes changes shapes and not the exposure.
+    That part becomes brighter.
     """
-    inside = lens_points.inside_rim(fragments, lens_points.points)
-    inside[~inside.any(axis=1), 0] = True
+    inside, brighter = _inside_rim(fragments, lens_points)
     count = len(lens_points.points)
     seen_of_all = np.full((len(fragments), count), 255, dtype=np.uint8)
     seen_of_all[coverable] = seen
@@ -322,4 +357,14 @@ def _within_rim(
     unseen = ~seen_of_all.any(axis=1) & fragments.first
     seen_of_all[unseen, inside[unseen].argmax(axis=1)] = LEAST_SEEN
     every_one = np.ones(len(fragments), dtype=bool)
-    return every_one, seen_of_all, fragments.scaled(count / inside.sum(axis=1))
+    return every_one, seen_of_all, brighter
+
+
+def _inside_rim(fragments: Fragments, lens_points: LensPoints) -> tuple[np.ndarray, Fragments]:
+    """What the rim lets through to each lens point, bool (N, M), and the fragments, brighter.
+
+    What the rim takes changes shapes and not the exposure.
+    """
+    inside = lens_points.inside_rim(fragments, lens_points.points)
+    inside[~inside.any(axis=1), 0] = True
+    return inside, fragments.scaled(len(lens_points.points) / inside.sum(axis=1))

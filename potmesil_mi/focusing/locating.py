@@ -102,6 +102,37 @@ class Bins(NamedTuple):
         return dr.minimum(jit.UInt32(dr.maximum(from_first, 0)), MAX_BINS)
 
 
+class Raster(NamedTuple):
+    """The subpixels on which samples are gathered: those of a picture, or of a tile of it.
+
+    A tile's samples fall into the subpixels into which they fall in the whole picture, to the last
+    digit: places are counted from where that begins.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``window``                    subpixels, counted from the first of the whole picture's window
+    ``left``, ``top``             first column and row of that window, in pixels of the film
+    ============================  ==========================================================
+    """
+
+    window: Window
+    left: int
+    top: int
+
+    @classmethod
+    def of(cls, samples: PointSamples, subpixels: int, whole: Window | None = None) -> Raster:
+        """That of ``samples``, of a tile if the window of the ``whole`` picture is given."""
+        whole = whole or samples.window
+        window = samples.window.relative_to(whole).subdivided(subpixels)
+        return cls(window, whole.left, whole.top)
+
+    @property
+    def size(self) -> int:
+        """How many subpixels it has."""
+        return self.window.size
+
+
 @dataclasses.dataclass(frozen=True)
 class Located:
     """Subpixel and vergence of samples, and which of them the pinhole sees.
@@ -117,19 +148,19 @@ class Located:
 
 
 def located_in(
-    samples: PointSamples, subpixels: int, raster: Window, part: slice | np.ndarray
+    samples: PointSamples, subpixels: int, raster: Raster, part: slice | np.ndarray
 ) -> Located:
     """Where the samples of a ``part``, or those of its indices, are on a ``raster``."""
-    left, top, times = (dr.opaque(jit.Float, of) for of in (*samples.window[:2], subpixels))
-    width, height = (dr.opaque(jit.Int32, of) for of in (raster.width, raster.height))
+    left, top, times = (dr.opaque(jit.Float, of) for of in (raster.left, raster.top, subpixels))
+    first_column, first_row, width, height = (dr.opaque(jit.Int32, of) for of in raster.window)
     x = (jit.from_numpy(jit.Float, samples.x[part]) - left) * times
     y = (jit.from_numpy(jit.Float, samples.y[part]) - top) * times
-    column = dr.clip(jit.Int32(dr.floor(x)), 0, width - 1)
-    row = dr.clip(jit.Int32(dr.floor(y)), 0, height - 1)
+    column = dr.clip(jit.Int32(dr.floor(x)) - first_column, 0, width - 1)
+    row = dr.clip(jit.Int32(dr.floor(y)) - first_row, 0, height - 1)
     return Located(
         jit.UInt32(row * width + column),
         dr.rcp(jit.from_numpy(jit.Float, samples.z[part])),
         jit.from_numpy(jit.UInt8, samples.layer[part]) == 0,
-        dr.clip(2 * (x - jit.Float(column)) - 1, -1, 1),
-        dr.clip(2 * (y - jit.Float(row)) - 1, -1, 1),
+        dr.clip(2 * (x - jit.Float(column + first_column)) - 1, -1, 1),
+        dr.clip(2 * (y - jit.Float(row + first_row)) - 1, -1, 1),
     )

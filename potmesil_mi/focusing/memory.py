@@ -37,8 +37,8 @@ def memory_of_focus(samples: PointSamples, method: Method, subpixels: int | None
     lens that came with the samples.
     """
     # What forms pictures is imported when it is needed: see the methods.
-    from .layered import MOST_KEPT
     from .locating import GATHERED_AT_ONCE
+    from .viewing import MOST_KEPT
     from .visibility import MAX_COVERED
 
     if subpixels is None:

@@ -18,13 +18,12 @@ from .._validation import require_flag, require_whole
 from ..optics.lens import ThinLens
 from ..optics.psf import PointSpreadFunction, aperture_behind
 from ..samples.point_samples import PointSamples
-from .exposure import FINE_SUBPIXELS, Exposure
+from .exposure import FINE_SUBPIXELS, Exposure, Visibility
 from .memo import Memo
 
 if TYPE_CHECKING:
     from .. import _backend as jit
     from .film import FinePicture, ReconstructionFilter
-    from .layered import Visibility
 
 MethodName = Literal["layered", "lightfield", "paper"]
 """The names of the package's own methods."""
@@ -89,12 +88,13 @@ class Method(Spec, family="method"):
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> jit.TensorXf:
         """The picture of ``exposure`` in pixels, attached to what has gradients.
 
-        ``lens`` is that of the exposure, with its gradients. Raises ``NotImplementedError`` for a
-        method that has no derivatives.
+        ``lens`` and ``psf`` are those of the exposure, with their gradients. Raises
+        ``NotImplementedError`` for a method that has no derivatives.
         """
         raise NotImplementedError(
             f"method={self.name}: has no derivatives, as layered and lightfield have; detach what "
@@ -110,7 +110,7 @@ class Method(Spec, family="method"):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Visible(Method):
+class VisibleMethod(Method):
     """Methods that know what hides what."""
 
     lens_points: int | None = None
@@ -129,28 +129,20 @@ class _Visible(Method):
         """See :meth:`Method.form`."""
         from . import layered
 
-        return layered.form(exposure, memo, self._visibility(exposure))
+        return layered.form(exposure, memo, visibility_for(self, exposure))
 
     def form_attached(
         self,
         exposure: Exposure,
         memo: Memo,
         lens: ThinLens,
+        psf: PointSpreadFunction,
         rfilter: ReconstructionFilter | None,
     ) -> jit.TensorXf:
         """See :meth:`Method.form_attached`."""
         from .gradients.form import form
 
-        return form(exposure, memo, self._visibility(exposure), lens, rfilter)
-
-    def _visibility(self, exposure: Exposure) -> Visibility:
-        from .layered import Visibility
-
-        points = self.lens_points
-        if points is None:
-            least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
-            points = max(self.points_for(exposure.samples), least)
-        return Visibility(points, self.exact)
+        return form(exposure, memo, visibility_for(self, exposure), lens, psf, rfilter)
 
     def default_squares(self, samples: PointSamples, psf: PointSpreadFunction) -> int:
         """See :meth:`Method.default_squares`: no more than there are samples."""
@@ -168,8 +160,17 @@ class _Visible(Method):
         return self.usual_squares
 
 
+def visibility_for(method: VisibleMethod, exposure: Exposure) -> Visibility:
+    """How a method finds visibility for an ``exposure``."""
+    points = method.lens_points
+    if points is None:
+        least = VIGNETTING_LENS_POINTS if exposure.lens.vignetting > 0 else 1
+        points = max(method.points_for(exposure.samples), least)
+    return Visibility(points, method.exact)
+
+
 @dataclasses.dataclass(frozen=True)
-class Layered(_Visible):
+class Layered(VisibleMethod):
     """What is visible through the lens, formed quickly.
 
     ============================  ==========================================================
@@ -209,7 +210,7 @@ def _worth_a_close_look(samples: PointSamples) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class LightField(_Visible):
+class LightField(VisibleMethod):
     """What is visible through the lens, with more lens points on a finer raster: to be trusted.
 
     ============================  ==========================================================

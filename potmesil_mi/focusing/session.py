@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..optics.usable import require_usable_lens
 from ..samples.choosing import require_samples
 from ..samples.circles import FOCUS, in_units_of
 from ..samples.point_samples import PointSamples
-from .derivatives import has_gradients, require_derivatives
+from .derivatives import gradients_of, require_derivatives, without_gradients
 from .exposure import Exposure
 from .film import FinePicture, ReconstructionFilter, degree_of, reconstruct
 from .memo import MAX_BYTES, Memo
@@ -38,7 +38,7 @@ from .traps import warn_of_traps
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
 
-_forming = threading.RLock()
+forming = threading.RLock()
 """Held while a picture is formed: what is kept is for one thread at a time."""
 
 _making_memos = threading.Lock()
@@ -135,6 +135,124 @@ def memo_of(samples: PointSamples) -> Memo:
         return _memos.setdefault(samples, Memo())
 
 
+class AttachedLens(NamedTuple):
+    """A lens, in the samples' units, and its point-spread function, with their gradients."""
+
+    lens: ThinLens
+    psf: PointSpreadFunction
+
+
+class Asked(NamedTuple):
+    """What a picture is formed by, after everything that is given has been checked.
+
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``lens``                      a thin lens of plain numbers, in the samples' units
+    ``picture_of``                of which samples it forms the picture of a telecentric one
+    ``channels``                  point-spread functions: of all colours, or of R, G and B
+    ``method``, ``subpixels``     how the picture is formed, and on how many on a side of a pixel
+    ``rfilter``, ``alpha``        as ``potmesil_mi.focus`` has them
+    ``filters``                   special effects
+    ``attached``                  the lens and its ``psf`` with their gradients, where anything
+                                  has some
+    ============================  ==========================================================
+    """
+
+    lens: ThinLens
+    picture_of: ThinLensPicture | None
+    channels: Sequence[PointSpreadFunction]
+    method: Method
+    subpixels: int
+    rfilter: ReconstructionFilter | None
+    alpha: bool
+    filters: tuple[FilterFunction, ...]
+    attached: AttachedLens | None = None
+
+    def adapted(self, samples: PointSamples, memo: Memo) -> tuple[PointSamples, Memo]:
+        """The samples that the lens is before, and the memo of these, which ``memo`` keeps."""
+        return (
+            (samples, memo) if self.picture_of is None else changed(samples, self.picture_of, memo)
+        )
+
+    def exposures(self, samples: PointSamples) -> list[Exposure]:
+        """The exposure of each channel, of all samples that are :meth:`adapted` or of some."""
+        degree = degree_of(self.rfilter, self.subpixels)
+        is_telecentric = self.picture_of is not None
+        return [
+            Exposure(samples, self.lens, each, self.subpixels, self.alpha, is_telecentric, degree)
+            for each in self.channels
+        ]
+
+    def formed(self, exposures: Sequence[Exposure], memos: Sequence[Memo]) -> np.ndarray:
+        """The picture of the exposure of each channel, with its memo; without special effects."""
+        pictures = [
+            reconstruct(
+                FinePicture(*self.method.form(exposure, memo)), self.subpixels, self.rfilter
+            )
+            for exposure, memo in zip(exposures, memos, strict=True)
+        ]
+        if len(pictures) == 1:
+            return pictures[0]
+        parts = (*pictures, pictures[1])[: pictures[0].shape[-1]]  # Alpha is that of green.
+        return np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
+
+    def filtered(self, picture: np.ndarray, samples: PointSamples) -> jit.TensorXf:
+        """The picture, of the samples that are :meth:`adapted`, with its special effects."""
+        if self.filters:
+            # The field of view is the samples', and so is the film's width.
+            pixels_per_mm = samples.camera.focal_length_pixels / self.lens.film_distance
+            frame = self.lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
+            picture = apply_filters(picture, self.filters, frame, pixels_per_mm)
+        return jit.TensorXf(picture.astype(np.float32, copy=False))
+
+
+def asked(
+    samples: PointSamples,
+    lens: ThinLens | TelecentricLens | None,
+    method: Method,
+    memo: Memo,
+    psf: PointSpreadFunction | None,
+    rfilter: ReconstructionFilter | None,
+    alpha: bool,
+    filters: Sequence[FilterFunction | str],
+    *,
+    by_tiles: bool = False,
+) -> Asked:
+    """What is asked for, checked, and warned of; parameters are those of ``potmesil_mi.focus``.
+
+    Where a picture is formed ``by_tiles`` it is these that have to fit into memory.
+    """
+    if jit.variant() is not None:  # None: the first backend that works is taken
+        jit.require_vectorised_variant("focus")
+    chosen = samples.lens if lens is None else lens
+    given_lens, given = lens, _plain(chosen)
+    require_fitting(samples.camera, given)
+    require_usable_lens(given)
+    lens, picture_of = _thin_lens(samples, given)
+    psf = lens.aperture if psf is None else psf
+    _require_spreading(psf, rfilter)
+    names, given_psf, psf = gradients_of(samples, chosen, psf), psf, without_gradients(psf)
+    require_flag("alpha", alpha)
+    filters = as_filters(filters)
+    method.check(lens)
+    if picture_of is not None:
+        require_usable(psf, filters)
+    subpixels = method.squares
+    if subpixels is None:
+        subpixels = method.default_squares(samples, psf)
+    if not by_tiles:
+        require_memory_for(samples, method, subpixels)
+    warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=4)
+    channels = psf.channels if isinstance(psf, Aperture) else (psf,)
+    _require_hashable(channels)
+    flag, attached = bool(alpha), None
+    if names:
+        require_derivatives(names, samples, chosen, given_psf, channels, filters, by_tiles=by_tiles)
+        attached = AttachedLens(in_units_of(samples, chosen), given_psf)
+    return Asked(lens, picture_of, channels, method, subpixels, rfilter, flag, filters, attached)
+
+
 def form_picture(
     samples: PointSamples,
     lens: ThinLens | TelecentricLens | None,
@@ -146,76 +264,29 @@ def form_picture(
     filters: Sequence[FilterFunction | str],
 ) -> jit.TensorXf:
     """The picture, after everything that is given has been checked; see ``potmesil_mi.focus``."""
-    if jit.variant() is not None:  # None: the first backend that works is taken
-        jit.require_vectorised_variant("focus")
-    chosen = samples.lens if lens is None else lens
-    given_lens, given = lens, _plain(chosen)
-    require_fitting(samples.camera, given)
-    require_usable_lens(given)
-    lens, picture_of = _thin_lens(samples, given)
-    psf = lens.aperture if psf is None else psf
-    _require_spreading(psf, rfilter)
-    require_flag("alpha", alpha)
-    filters = as_filters(filters)
-    method.check(lens)
-    if picture_of is not None:
-        require_usable(psf, filters)
-    subpixels = method.squares
-    if subpixels is None:
-        subpixels = method.default_squares(samples, psf)
-    _require_memory(samples, method, subpixels)
-    warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=3)
-    channels = psf.channels if isinstance(psf, Aperture) else (psf,)
-    _require_hashable(channels)
-    if has_gradients(samples, chosen):
-        require_derivatives(samples, chosen, channels, filters)
-        attached_lens = in_units_of(samples, chosen)
-        with _forming:
-            exposure = Exposure(samples, lens, psf, subpixels, bool(alpha))
-            attached = method.form_attached(exposure, memo, attached_lens, rfilter)
+    wanted = asked(samples, lens, method, memo, psf, rfilter, alpha, filters)
+    with forming:
+        if wanted.attached is not None:
+            exposure = wanted.exposures(samples)[0]
+            attached = method.form_attached(exposure, memo, *wanted.attached, rfilter)
             memo.trim()
             return attached
-    with _forming:
         owned = memo
-        if picture_of is not None:
-            samples, memo = changed(samples, picture_of, memo)
-        degree = degree_of(rfilter, subpixels)
-        exposures = [
-            Exposure(samples, lens, each, subpixels, bool(alpha), picture_of is not None, degree)
-            for each in channels
-        ]
-        picture = _finished([method.form(each, memo) for each in exposures], subpixels, rfilter)
-        if filters:
-            # The field of view is the samples', and so is the film's width.
-            pixels_per_mm = samples.camera.focal_length_pixels / lens.film_distance
-            frame = lens.replace(frame_width=samples.camera.film_size[0] / pixels_per_mm)
-            picture = apply_filters(picture, filters, frame, pixels_per_mm)
+        samples, memo = wanted.adapted(samples, owned)
+        exposures = wanted.exposures(samples)
+        picture = wanted.formed(exposures, [memo] * len(exposures))
         for grown in (memo, owned):
             grown.trim()
-        return jit.TensorXf(picture.astype(np.float32, copy=False))
+        return wanted.filtered(picture, samples)
 
 
-def _finished(
-    formed: Sequence[FinePicture | tuple[np.ndarray, np.ndarray]],
-    subpixels: int,
-    rfilter: ReconstructionFilter | None,
-) -> np.ndarray:
-    """The picture in pixels, of one for all channels or one for each of red, green and blue."""
-    pictures = [reconstruct(FinePicture(*each), subpixels, rfilter) for each in formed]
-    if len(pictures) == 1:
-        return pictures[0]
-    # Alpha is that of green.
-    parts = (*pictures, pictures[1])[: pictures[0].shape[-1]]
-    return np.stack([of[..., i] for i, of in enumerate(parts)], axis=-1)
-
-
-def _require_memory(samples: PointSamples, method: Method, subpixels: int) -> None:
+def require_memory_for(samples: PointSamples, method: Method, subpixels: int) -> None:
     """Raise ``MemoryError`` where the picture takes more than there is."""
     window = samples.window
     require_memory(
         memory_of_focus(samples, method, subpixels),
         f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels",
-        "a crop of the samples and fewer squares take less",
+        "tiles, a crop of the samples and fewer squares take less",
     )
 
 

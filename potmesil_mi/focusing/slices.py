@@ -25,7 +25,9 @@ from .bands import Band, Raster, bands
 from .fragments import BIN_RADIUS, Fragments
 from .kernels import LINEAR_VARIANCE, SUBPIXEL_VARIANCE, KernelFactory, is_plain
 from .lens_view import Occluded, ViewPyramid
+from .locating import Bins
 from .small_circles import STEP, SmallCircles, responses_of
+from .view_counts import SliceFacts, ViewCounts, box_of, parts_of_slice
 
 CELL_RADIUS = 1.0
 """Over what the share of a lens point is spread, in radii of a disc of its part of the lens."""
@@ -164,15 +166,22 @@ def plan(
     blur: Blur,
     subpixels_per_mm: float,
     fineness: Fineness,
+    whole: ViewCounts | None = None,
 ) -> list[list[DepthSlice]]:
     """The slices of a focus, those at about one depth together, from the nearest.
 
-    ``blur`` is that of the lens in subpixels.
+    ``blur`` is that of the lens in subpixels. ``whole`` has the counts of the picture that the
+    views are a tile of, if they are: its slices are chosen by them.
     """
     groups = []
-    for band in bands(views.finest.counts, views.finest.unoccluded, blur, fineness.kept_radius):
+    finest = views.finest
+    bins = Bins(finest.unoccluded.vergence_min, finest.unoccluded.bin_width)
+    counts = finest.counts if whole is None else whole.total
+    for band in bands(counts, bins, blur, fineness.kept_radius):
         slices = [
-            _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster).planned(fineness)
+            _SlicePlanner(views, lens, psf, blur, subpixels_per_mm, band, raster, whole).planned(
+                fineness
+            )
             for raster in band.rasters()
         ]
         groups.append([each for each in slices if each is not None])
@@ -203,6 +212,7 @@ class _SlicePlanner:
         subpixels_per_mm: float,
         band: Band,
         raster: Raster,
+        whole: ViewCounts | None,
     ) -> None:
         factor = raster.resolution
         self.band, self.raster = band, raster
@@ -210,8 +220,14 @@ class _SlicePlanner:
         self.view = views.at(raster.coarsening, range(band.first, band.end))
         self.blur = Blur(blur.radius_per_vergence / factor, blur.focused_vergence)
         self.inner, self.outer = band.inner / factor, band.outer / factor
+        self.parts = parts_of_slice(self.view, band, raster)
+        self.box = box_of(self.view, self.parts, raster)
+        if whole is None:
+            self.facts = SliceFacts.of(self.view, self.parts, self.box)
+        else:
+            self.facts = whole.facts(band, raster)
         # Farther than the window is wide, and a pixel more to interpolate with, nothing is seen.
-        largest = (self.view.unoccluded.width + 2, self.view.unoccluded.height + 2)
+        largest = (self.facts.width + 2, self.facts.height + 2)
         self.factory = KernelFactory(
             lens,
             psf,
@@ -222,62 +238,29 @@ class _SlicePlanner:
             smeared(factor),
             largest,
         )
-        self.parts = self._parts()
-        self.bins, self.radii = self._mean_radii()
-
-    def _parts(self) -> tuple[slice, slice, slice]:
-        """Which of the unoccluded and occluded fragments and of the highlights are in the slice."""
-
-        def within(fragments: Fragments, bins: int) -> slice:
-            return fragments.between(self.band.first // bins, (self.band.end - 1) // bins + 1)
-
-        unoccluded, occluded, highlights = self.view.kinds
-        parts = [slice(0, 0)] * 3
-        if self.raster.has_view:
-            coarsening = self.raster.coarsening
-            parts[:2] = within(unoccluded, coarsening), within(occluded, coarsening)
-        if self.raster.has_highlights:
-            parts[2] = within(highlights, 1)
-        return parts[0], parts[1], parts[2]
-
-    def _mean_radii(self) -> tuple[np.ndarray, np.ndarray]:
-        """The bins that have unoccluded fragments, and their mean radii in pixels."""
-        part, own = self.parts[0], self.view.unoccluded.bin
-        bins, vergences = self.view.vergences
-        if part.start == part.stop:
-            return bins[:0], vergences[:0]
-        ends = np.searchsorted(bins, own[[part.start, part.stop - 1]])
-        these = slice(ends[0], ends[1] + 1)
-        radii = np.abs(vergences[these] - self.blur.focused_vergence)
-        return bins[these], radii * self.blur.radius_per_vergence
+        radii = np.abs(self.facts.vergences - self.blur.focused_vergence)
+        self.radii = radii * self.blur.radius_per_vergence
 
     def planned(self, fineness: Fineness) -> DepthSlice | None:
-        """The slice; ``None`` if it has no fragments."""
-        # How many of the fragments' own subpixels make a pixel of the slice.
-        pixels = (1, 1, self.raster.resolution)
-        boxes = [
-            np.array([f.x[part].min(), f.y[part].min(), f.x[part].max(), f.y[part].max()]) // pixel
-            for f, part, pixel in zip(self.view.kinds, self.parts, pixels, strict=True)
-            if part.start < part.stop
-        ]
-        if not boxes:
+        """The slice; ``None`` if it has no fragments.
+
+        One that is sharp, of a tile that has none of its fragments, stays without them.
+        """
+        if self.box.is_empty and (self.facts.area == 0 or self.inner > 0):
             return None
-        left, top = (int(min(box[i] for box in boxes)) for i in (0, 1))
-        right, bottom = (int(max(box[i] for box in boxes)) + 1 for i in (2, 3))
         ratio = KERNEL_RATIO
-        if (right - left) * (bottom - top) <= fineness.small_area:
+        if self.facts.area <= fineness.small_area:
             on_subpixels = self.raster.resolution == 1
             ratio = SMALL_CIRCLE_KERNEL_RATIO if on_subpixels else SMALL_AREA_KERNEL_RATIO
         circles = self._circles(ratio)
-        reach = self._reach(circles.kernels)
-        box = Window(
-            left - reach,
-            top - reach,
-            fast_size(right - left + 2 * reach),
-            fast_size(bottom - top + 2 * reach),
-        )
+        box = Window(0, 0, 1, 1)
+        if not self.box.is_empty:
+            box = self.box.grown(self._reach(circles.kernels))
+            box = box._replace(width=fast_size(box.width), height=fast_size(box.height))
         octaves = self._octaves()
         occluded = (self.view.occluded, CELL_RADIUS), (self.view.highlights, HIGHLIGHT_CELL_RADIUS)
+        # How many of the fragments' own subpixels make a pixel of the slice.
+        pixels = 1, self.raster.resolution
         return DepthSlice(
             self.raster.resolution,
             box,
@@ -287,9 +270,9 @@ class _SlicePlanner:
             self._moments(),
             circles,
             [
-                self._points(some, part, pixel, radius, octaves)
-                for (some, radius), part, pixel in zip(
-                    occluded, self.parts[1:], pixels[1:], strict=True
+                self._points(some, part, pixel, radius, octaves, last_bins)
+                for (some, radius), part, pixel, last_bins in zip(
+                    occluded, self.parts[1:], pixels, self.facts.ends, strict=True
                 )
                 if part.start < part.stop
             ],
@@ -312,11 +295,12 @@ class _SlicePlanner:
         before = np.clip(np.searchsorted(radii, self.radii, side="right") - 1, 0, None)
         if len(radii) > 1:
             before = np.minimum(before, len(radii) - 2)
-        first_bin = int(self.bins[0]) if len(self.bins) else 0
-        kernel_of_bin = np.zeros(
-            int(self.bins[-1]) - first_bin + 1 if len(self.bins) else 0, dtype=np.uint32
-        )
-        kernel_of_bin[self.bins - first_bin] = before
+        first_bin, every_bin = 0, np.empty(0, np.int64)
+        if part.start < part.stop:
+            first_bin, last_bin = self.view.unoccluded.bin[[part.start, part.stop - 1]].tolist()
+            every_bin = np.arange(first_bin, last_bin + 1)
+        number = np.searchsorted(self.facts.bins, every_bin, side="right") - 1
+        kernel_of_bin = before[np.maximum(number, 0)].astype(np.uint32)
         return CirclePlan(
             self.view.unoccluded,
             part,
@@ -382,10 +366,16 @@ class _SlicePlanner:
         return [self.inner * 2**i for i in range(count)]
 
     def _points(
-        self, some: Occluded, part: slice, pixel: int, radius: float, octaves: list[float]
+        self,
+        some: Occluded,
+        part: slice,
+        pixel: int,
+        radius: float,
+        octaves: list[float],
+        last_bins: tuple[int, int],
     ) -> PointPlan:
         cell = radius / math.sqrt(some.count)
-        ends = some.fragments.bin[[part.start, part.stop - 1]] + np.array([0, 1])
+        ends = np.array(last_bins) + np.array([0, 1])
         vergences = some.fragments.vergence_min + some.fragments.bin_width * ends
         vergences = vergences - self.blur.focused_vergence
         largest = np.abs(vergences).max() * self.blur.radius_per_vergence

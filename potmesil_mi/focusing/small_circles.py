@@ -43,8 +43,8 @@ NEAR = 1.0
 FINER = 16
 """Cells in a subpixel in which it is found out how light is spread."""
 
-MIDDLE = (0.5, 0.5)
-"""The middle of a cell."""
+RADII_IN_CELLS = tuple(level * STEP * FINER for level in range(-LEVELS, LEVELS + 1))
+"""All the radii, in cells."""
 
 
 class SmallCircles(NamedTuple):
@@ -65,14 +65,34 @@ def responses_of(aperture: Aperture, squeeze: float, degree: int) -> np.ndarray:
     the order of the Legendre polynomial that has the shape of the light in its subpixel; and the
     steps ``BESIDE``. Circles are taken to be products of what they are across and down.
     """
-    cells = [_in_cells(order) for order in range(degree + 1)]
-    found = np.zeros((2 * LEVELS + 1, 2, degree + 1, len(BESIDE)), np.float32)
-    for level in range(-LEVELS, LEVELS + 1):
-        kernel = aperture.circle_kernel(level * STEP * FINER, squeeze, MIDDLE)
-        for axis, along in enumerate((kernel.sum(axis=0), kernel.sum(axis=1))):
-            found[level + LEVELS, axis] = [_beside(np.convolve(of, along)) for of in cells]
+    found = responses_in_double(aperture, squeeze, degree).astype(np.float32)
     found.setflags(write=False)
     return found
+
+
+def responses_in_double(aperture: Aperture, squeeze: float, degree: int) -> np.ndarray:
+    """What :func:`responses_of` has, in float64; it is not kept."""
+    of_steps = of_impulses(degree)
+    profiles = aperture.profiles(RADII_IN_CELLS, squeeze)
+    return np.array([[centred(of_steps, len(of)) @ of for of in pair] for pair in profiles])
+
+
+@functools.cache
+def of_impulses(degree: int) -> np.ndarray:
+    """What subpixels around get where light is moved by a number of cells: (degree + 1, 4, n).
+
+    The moves are those from one end of the largest circle to the other.
+    """
+    longest = 2 * math.ceil(RADII_IN_CELLS[-1]) + 1
+    cells = [_in_cells(order) for order in range(degree + 1)]
+    moved = [[_beside(np.convolve(of, move)) for move in np.eye(longest)] for of in cells]
+    return np.moveaxis(np.array(moved), 2, 1)
+
+
+def centred(of_steps: np.ndarray, length: int) -> np.ndarray:
+    """The part of :func:`of_impulses` that moves by no more than a profile of a length does."""
+    left = (of_steps.shape[-1] - length) // 2
+    return of_steps[..., left : left + length]
 
 
 def _in_cells(order: int) -> np.ndarray:
@@ -102,16 +122,16 @@ class Share:
 
 
 def shared(
-    light: Sequence[Any], radius: jit.Float, responses: np.ndarray, *, between: bool = False
+    light: Sequence[Any], radius: jit.Float, table: jit.Float, *, between: bool = False
 ) -> Iterator[Share]:
     """What the subpixels of fragments and those around get of their ``light``.
 
-    ``light`` are their values, and their detail. ``radius`` is signed, in subpixels. Subpixels get
+    ``light`` are their values, and their detail. ``radius`` is signed, in subpixels. ``table`` are
+    the numbers of :func:`responses_of`. Subpixels get
     no less than nothing, and together all of the light, or hardly more. What is known of some radii
     is taken of the nearest, or, smoothly, ``between`` two.
     """
-    degree = responses.shape[2] - 1
-    table = jit.from_numpy(jit.Float, responses.ravel())
+    degree = len(light) // 2
     at = dr.clip(radius / STEP, -LEVELS, LEVELS) + LEVELS
     level = jit.UInt32(dr.round(at))
 

@@ -21,7 +21,7 @@ from ..optics.blur import Blur
 from ..samples.raster import Window
 from .blocks import BLOCK, BlockImage, numbered
 from .detail import NO_DETAIL
-from .fragments import FragmentColumns, among_few, scatter_mode
+from .fragments import FragmentColumns, among_few, as_column, scatter_mode
 from .lit import lit_by_circles, lit_by_points
 from .moments import degree_with, orders
 from .slices import CirclePlan, DepthSlice, PointPlan
@@ -231,13 +231,14 @@ def _splat_small_circles(
     table_row = dr.gather(jit.Int32, columns.detail, fragment)
     known, table_row = table_row != NO_DETAIL, jit.UInt32(table_row)
     column, row = place
+    table = as_column(small.responses)
     for target, of_it, its_detail, kind in (
         (stack.colours, columns.values[:1], small.detail.colours, jit.Array4f),
         (stack.alpha, columns.alpha[:1], small.detail.alpha, jit.Float),
     ):
         light = [dr.gather(kind, of, fragment) for of in of_it]
         light += [dr.gather(kind, of, table_row, known) for of in its_detail]
-        for share in shared(light, radius, small.responses) if light else ():
+        for share in shared(light, radius, table) if light else ():
             beside = column + share.across, row + share.down
             there = stack.place(jit.UInt32(0), *beside, share.active)
             dr.scatter_add(target, share.light, there, share.active, mode=stack.mode)

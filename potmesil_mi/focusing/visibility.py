@@ -15,14 +15,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
 import scipy.ndimage
 
 from .. import _backend as jit
+from ..samples.raster import Window
 from .fragments import BIN_RADIUS, MAX_BINS, Fragments, columns_of
+from .lens_images import EdgeFinder, Frame, FromPoint
 from .opacity import optical_depth
 
 SLANT_BINS = 2
@@ -39,26 +41,28 @@ MAX_COVERED = 1 << 26
 """Most subpixels, of all lens points' images of what is covered, that are kept at once."""
 
 
-class EdgeFinder(Protocol):
-    """What is told of the images of lens points while these are made, to find the edges in them."""
+class SightLimits(NamedTuple):
+    """What all fragments of a picture say of how lens points see them.
 
-    def begin(
-        self, coverable: np.ndarray, covering: np.ndarray, first_point: int, size: int
-    ) -> None:
-        """Images of ``size`` subpixels in all, of points from ``first_point`` on, are begun.
+    ============================  ==========================================================
+    Field                         Meaning
+    ============================  ==========================================================
+    ``width``, ``height``         subpixels of its window
+    ``farthest``, ``nearest``     the least and the greatest vergence
+    ``last_bin``                  the nearest of the bins of what may be covered
+    ============================  ==========================================================
+    """
 
-        ``coverable`` and ``covering``, bool (N,), are the fragments that are looked for and those
-        that cover them.
-        """
-        ...
+    width: int
+    height: int
+    farthest: np.float32
+    nearest: np.float32
+    last_bin: int
 
-    def cover(self, fragment: jit.UInt32, place: jit.UInt32, active: jit.Bool) -> None:
-        """Fragments, by their numbers among the ``covering``, cover subpixels."""
-        ...
-
-    def look(self, looking: _FromPoint, depth: jit.Float, frame: _Frame) -> None:
-        """Fragments are looked for behind what has that optical ``depth``."""
-        ...
+    @property
+    def bins_per_step(self) -> int:
+        """How many bins make a step, so that there are at most ``MAX_STEPS`` steps."""
+        return max(1, -(-self.last_bin // MAX_STEPS))
 
 
 def visibility(
@@ -66,6 +70,8 @@ def visibility(
     radius_per_vergence: float,
     points: np.ndarray,
     times: np.ndarray | None = None,
+    limits: SightLimits | None = None,
+    lit: Window | None = None,
     edges: EdgeFinder | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What each of the lens ``points`` sees of the fragments.
@@ -73,7 +79,8 @@ def visibility(
     ``points``, (M, 2), are in units of the lens's radius; ``radius_per_vergence`` is the parallax,
     in subpixels per unit of vergence, of a lens point at radius 1. ``times``, (M,), from -0.5 to
     0.5, are when in the part of an exposure that fragments stand for the points look; without them
-    nothing moves.
+    nothing moves. ``limits`` are those of the picture that the fragments are a tile of, if they
+    are; what is not ``lit`` then only covers others.
 
     Returns which fragments, bool (N,), some lens point may not see as a whole; and for these, in
     their order, what each point sees of them, uint8 (n, M), 0 for nothing to 255 for all. Hidden
@@ -85,17 +92,17 @@ def visibility(
     if times is None or fragments.motion is None:
         times = np.zeros(len(points))
         fragments = dataclasses.replace(fragments, motion=None)
+    coverable = may_be_covered(fragments, radius_per_vergence)
+    if lit is not None:
+        coverable &= lit.contains(fragments.x, fragments.y)
     apart = _relative_path(fragments.motion)
-    every_one = np.ones(len(fragments), dtype=bool)
-    coverable = _may_be_covered(fragments, every_one, radius_per_vergence, apart)
-    coverable |= fragments.gap_in_front > 0
-    covering = _may_be_covered(fragments, coverable, -radius_per_vergence, apart)
-    frame, middle = _frame_of(fragments, radius_per_vergence)
-    margin = frame.margin
+    covering = _may_cover(fragments, coverable, -radius_per_vergence, apart)
+    limits = limits or limits_of(fragments, coverable)
+    frame, middle = _frame_of(fragments, radius_per_vergence, limits)
     at_once = max(1, MAX_COVERED // frame.size)
     covers = _Covers.of(fragments, radius_per_vergence).chosen(covering)
     behind, before = (
-        _Shifted(fragments.chosen(mask), margin, middle, radius_per_vergence)
+        _Shifted(fragments.chosen(mask), frame.margin, middle, radius_per_vergence)
         for mask in (coverable, covering)
     )
     looks = np.column_stack([points, times]).astype(np.float32)
@@ -104,22 +111,46 @@ def visibility(
         part = looks[first : first + at_once]
         if edges is not None:
             edges.begin(coverable, covering, first, frame.size * len(part))
-        seen[:, first : first + at_once] = _seen_from(part, behind, before, covers, frame, edges)
+        step = limits.bins_per_step
+        seen[:, first : first + at_once] = _seen_from(
+            part, behind, before, covers, frame, step, edges
+        )
     gap = fragments.gap_in_front[coverable]
-    least = behind.bins_per_step + SLANT_BINS
+    least = limits.bins_per_step + SLANT_BINS
     seen[(gap > 0) & (gap < least * fragments.bin_width)] = 0
     return coverable, seen
 
 
-def _frame_of(fragments: Fragments, radius_per_vergence: float) -> tuple[_Frame, float]:
+def may_be_covered(fragments: Fragments, radius_per_vergence: float) -> np.ndarray:
+    """The fragments, bool (N,), that some lens point may not see as a whole."""
+    every_one = np.ones(len(fragments), dtype=bool)
+    apart = _relative_path(fragments.motion)
+    coverable = _may_cover(fragments, every_one, radius_per_vergence, apart)
+    coverable |= fragments.gap_in_front > 0
+    return coverable
+
+
+def limits_of(fragments: Fragments, coverable: np.ndarray) -> SightLimits:
+    """The limits of all fragments of a picture, of which some, bool (N,), are ``coverable``."""
+    return SightLimits(
+        fragments.width,
+        fragments.height,
+        fragments.vergence.min(),
+        fragments.vergence.max(),
+        int(fragments.bin[coverable].max(initial=0)),
+    )
+
+
+def _frame_of(
+    fragments: Fragments, radius_per_vergence: float, limits: SightLimits
+) -> tuple[Frame, np.floating]:
     """The frame of lens points' images, and the vergence that all of them see at the same place.
 
     Its margin is as wide as parallax moves fragments against the middle of their vergences. Where
     some are so near that it would have more than ``MAX_COVERED`` subpixels, it is narrower, and the
     margin of what is farthest.
     """
-    width, height = fragments.width, fragments.height
-    ends = fragments.vergence.min(), fragments.vergence.max()
+    width, height, *ends = limits[:4]
     along, _ = fragments.path_reach
     half = radius_per_vergence * (float(ends[1]) - float(ends[0])) / 2
     margin = half + along + 3
@@ -127,10 +158,11 @@ def _frame_of(fragments: Fragments, radius_per_vergence: float) -> tuple[_Frame,
     apart = (width - height) / 2
     most = (math.sqrt(apart**2 + MAX_COVERED) - (width + height) / 2) / 2
     most = max(most, width, height)
+    window = Window(fragments.left, fragments.top, fragments.width, fragments.height)
     if margin <= most:
-        return _Frame(width, height, math.ceil(margin), False), (ends[0] + ends[1]) / 2
+        return Frame(window, math.ceil(margin), False), (ends[0] + ends[1]) / 2
     middle = ends[0] + max(most - along - 3, 0) / radius_per_vergence
-    return _Frame(width, height, math.ceil(most), True), middle
+    return Frame(window, math.ceil(most), True), middle
 
 
 def _relative_path(motion: np.ndarray | None) -> float:
@@ -140,7 +172,7 @@ def _relative_path(motion: np.ndarray | None) -> float:
     return float(np.hypot(*np.ptp(motion[:, :2], axis=0)))
 
 
-def _may_be_covered(
+def _may_cover(
     fragments: Fragments, others: np.ndarray, radius_per_vergence: float, apart: float
 ) -> np.ndarray:
     """Fragments, bool (N,), in front of which parallax may move one of ``others``, bool (N,).
@@ -229,30 +261,6 @@ class _Covers:
         )
 
 
-class _Frame(NamedTuple):
-    """Subpixels of a lens point's image: the window and a ``margin`` around it.
-
-    If it ``is_narrow`` there are fragments beyond it.
-    """
-
-    window_width: int
-    window_height: int
-    margin: int
-    is_narrow: bool
-
-    @property
-    def width(self) -> int:
-        return self.window_width + 2 * self.margin
-
-    @property
-    def height(self) -> int:
-        return self.window_height + 2 * self.margin
-
-    @property
-    def size(self) -> int:
-        return self.width * self.height
-
-
 class _Shifted:
     """Fragments as lens points see them, in a frame with a ``margin`` around the window.
 
@@ -260,21 +268,21 @@ class _Shifted:
     """
 
     def __init__(
-        self, fragments: Fragments, margin: int, middle: float, radius_per_vergence: float
+        self,
+        fragments: Fragments,
+        margin: int,
+        middle: np.floating,
+        radius_per_vergence: float,
     ) -> None:
         self.count = len(fragments)
         self.bin = fragments.bin
-        self.x = jit.from_numpy(jit.Float, fragments.x + np.float32(margin + 0.5))
-        self.y = jit.from_numpy(jit.Float, fragments.y + np.float32(margin + 0.5))
+        left, top = fragments.left + margin, fragments.top + margin
+        self.x = jit.from_numpy(jit.Float, fragments.x + np.float32(left + 0.5))
+        self.y = jit.from_numpy(jit.Float, fragments.y + np.float32(top + 0.5))
         parallax = (fragments.vergence - middle) * np.float32(radius_per_vergence)
         self.parallax = jit.from_numpy(jit.Float, parallax)
         self.motion = columns_of(fragments.motion)
         self.per_vergence = radius_per_vergence
-
-    @property
-    def bins_per_step(self) -> int:
-        """How many bins make a step, so that there are at most ``MAX_STEPS`` steps."""
-        return max(1, -(-int(self.bin.max(initial=0)) // MAX_STEPS))
 
     def part(self, bins: range) -> tuple[int, int]:
         """The fragments of some bins: index of the first, and of the first behind the last."""
@@ -283,7 +291,7 @@ class _Shifted:
 
     def from_points(
         self, part: tuple[int, int], points: tuple[jit.Float, jit.Float, jit.Float]
-    ) -> _FromPoint:
+    ) -> FromPoint:
         """Every pair of a fragment of ``part`` and one of the ``points``, (u, v) at a time."""
         count = dr.opaque(jit.UInt32, len(points[0]))
         lane = dr.arange(jit.UInt32, (part[1] - part[0]) * len(points[0]))
@@ -298,37 +306,14 @@ class _Shifted:
             x, y = x + moved[0], y + moved[1]
             parallax = dr.fma(moved[2], dr.opaque(jit.Float, self.per_vergence), parallax)
         x, y = dr.fma(parallax, u, x), dr.fma(parallax, v, y)
-        return _FromPoint(fragment, point, u, v, x, y)
-
-
-class _FromPoint(NamedTuple):
-    """Fragments, points (u, v) of the lens, and where (x, y) in the frame these see those."""
-
-    fragment: jit.UInt32
-    point: jit.UInt32
-    u: jit.Float
-    v: jit.Float
-    x: jit.Float
-    y: jit.Float
-
-    def inside(self, frame: _Frame) -> jit.Bool:
-        """Which are in the frame with the subpixels right of and below them."""
-        if not frame.is_narrow:
-            return jit.Bool(True)
-        right, below = (dr.opaque(jit.Float, of - 2) for of in (frame.width, frame.height))
-        return (self.x >= 0) & (self.y >= 0) & (self.x < right) & (self.y < below)
-
-    def place(self, frame: _Frame) -> jit.UInt32:
-        """Index in images of all points, one after the other."""
-        row = jit.UInt32(self.y) * dr.opaque(jit.UInt32, frame.width) + jit.UInt32(self.x)
-        return self.point * dr.opaque(jit.UInt32, frame.size) + row
+        return FromPoint(fragment, point, u, v, x, y)
 
 
 def _cover(
     depth: jit.Float,
-    seen: _FromPoint,
+    seen: FromPoint,
     covers: _Covers,
-    frame: _Frame,
+    frame: Frame,
     edges: EdgeFinder | None,
 ) -> None:
     """Add that of fragments to the optical ``depth`` of subpixels in which the points see them."""
@@ -360,13 +345,15 @@ def _seen_from(
     behind: _Shifted,
     before: _Shifted,
     covers: _Covers,
-    frame: _Frame,
+    frame: Frame,
+    step: int,
     edges: EdgeFinder | None,
 ) -> np.ndarray:
     """What each of the ``points``, (M, 3) with their times, sees of ``behind``, uint8 (N, M).
 
-    From the nearest step to the farthest: fragments of ``before`` that are at least ``SLANT_BINS``
-    bins nearer than a step's are added to the optical depth, then those of the step are looked up.
+    From the nearest ``step``, of so many bins, to the farthest: fragments of ``before`` that are at
+    least ``SLANT_BINS`` bins nearer than a step's are added to the optical depth, then those of the
+    step are looked up.
     """
     count = len(points)
     u, v, time = (jit.from_numpy(jit.Float, column) for column in points.T)
@@ -375,7 +362,7 @@ def _seen_from(
     seen = dr.zeros(jit.UInt8, behind.count * count)
     if behind.count == 0:
         return np.array(seen).reshape(0, count)
-    last, step = int(behind.bin[-1]), behind.bins_per_step
+    last = int(behind.bin[-1])
     added = MAX_BINS + 1
     for bin_ in range(last - last % step, -1, -step):
         nearer = before.part(range(bin_ + step - 1 + SLANT_BINS, added))

@@ -5,7 +5,7 @@ Kernels have odd sizes, and their middle is the pixel's own. Each function is li
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy.fft
@@ -67,6 +67,28 @@ def convolve_fully(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
     with scipy.fft.set_workers(processors()):
         spectrum = scipy.fft.rfftn(image, padded) * scipy.fft.rfftn(kernel, padded)
         return scipy.fft.irfftn(spectrum, padded)[: shape[0], : shape[1]]
+
+
+def correlations(
+    light: np.ndarray, images: Iterable[np.ndarray], shapes: Sequence[tuple[int, int]]
+) -> list[np.ndarray]:
+    """The transpose of spreading as a function of kernels: what light has of each kernel's pixels.
+
+    ``light`` and the images are (H, W, C). A kernel (2K+1, 2L+1), of one of the ``shapes``, spreads
+    each image; its pixel that moves the image by some steps has the sum of the products of light
+    and the image there. The result is float64.
+    """
+    size = light.shape[0], light.shape[1]
+    frame = padded_shape(size, (max(of[0] for of in shapes), max(of[1] for of in shapes)))
+    found = []
+    with scipy.fft.set_workers(processors()):
+        spectrum = scipy.fft.rfft2(light.astype(np.float64), frame, axes=(0, 1))
+        for image, (rows, columns) in zip(images, shapes, strict=True):
+            own = scipy.fft.rfft2(image.astype(np.float64), frame, axes=(0, 1))
+            products = scipy.fft.irfft2((own.conj() * spectrum).sum(axis=2), frame)
+            moved = np.roll(products, (rows // 2, columns // 2), axis=(0, 1))
+            found.append(moved[:rows, :columns])
+    return found
 
 
 def convolve_cyclically(

@@ -6,17 +6,20 @@ import base64
 import binascii
 import dataclasses
 import functools
+import math
 import os
 import zlib
 from collections.abc import Mapping
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
 from .._image import read_luminance
 from .._spec import written
 from .._validation import require_numbers, require_whole, shown
-from .aperture import Aperture, points_of_map
+from .aperture import SHARP, points_of_map
+from .arithmetic import on_host
+from .attached import DifferentiableAperture
 from .summed_area import interpolated, summed_area
 
 LARGEST_SIDE = 4096
@@ -28,8 +31,18 @@ DESCRIBED_LEVELS = 65535
 A = TypeVar("A", bound="ImageAperture")
 
 
+class Overlap(NamedTuple):
+    """What part of each of N elements, along an axis, lies in each of K pixels of a kernel.
+
+    ``part`` is float64 (K, N), ``growth`` its derivative in the logarithm of the circle's radius.
+    """
+
+    part: np.ndarray
+    growth: np.ndarray
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class ImageAperture(Aperture):
+class ImageAperture(DifferentiableAperture):
     """Any picture as the aperture.
 
     ============================  ==========================================================
@@ -44,6 +57,9 @@ class ImageAperture(Aperture):
     Two are equal if their pictures are, element by element. A text has 16 bits for each element,
     and so describes the nearest aperture of 65536 levels. Raises ``ValueError`` for a picture that
     is empty, not finite, negative or black, or of more than 4096 elements on a side.
+
+    The picture may be a Dr.Jit tensor: if it has gradients enabled, pictures have derivatives in
+    its elements, inside the circle.
     """
 
     transmission_map: np.ndarray
@@ -52,15 +68,14 @@ class ImageAperture(Aperture):
     finest: ClassVar[float] = 32
 
     def __post_init__(self) -> None:
-        values = np.array(require_numbers("transmission_map", self.transmission_map), np.float64)
+        given = self.transmission_map
+        values = np.array(require_numbers("transmission_map", on_host(given)), np.float64)
         if values.ndim != 2 or values.size == 0 or max(values.shape) > LARGEST_SIDE:
             raise ValueError(
-                f"transmission_map={shown(self.transmission_map)}: has shape {values.shape}, "
+                f"transmission_map={shown(on_host(given))}: has shape {values.shape}, "
                 f"must be (H, W) of at most {LARGEST_SIDE}"
             )
-        down, across = np.indices(values.shape) + 0.5
-        height, width = values.shape
-        outside = np.hypot(across - width / 2, down - height / 2) > max(height, width) / 2
+        outside = outside_circle(values.shape)
         if not (np.isfinite(values).all() and (values >= 0).all() and values[~outside].any()):
             raise ValueError(
                 "transmission_map: must be finite, >= 0, and in the circle somewhere more than 0"
@@ -69,7 +84,7 @@ class ImageAperture(Aperture):
         values /= values.max()
         values += 0.0  # -0 to 0, for equal pictures to have equal bytes
         values.setflags(write=False)
-        object.__setattr__(self, "transmission_map", values)
+        self._attach("transmission_map", given, values)
 
     @classmethod
     def load(cls: type[A], filename: str | os.PathLike[str]) -> A:
@@ -86,6 +101,31 @@ class ImageAperture(Aperture):
         height, width = self.transmission_map.shape
         scale = max(height, width) / 2
         return interpolated(self._integral, x * scale + width / 2, y * scale + height / 2)
+
+    def overlaps(
+        self, radius: float, squeeze: float = 1.0, largest: tuple[int, int] | None = None
+    ) -> tuple[Overlap, Overlap]:
+        """Down and across, how kernels are made of the picture: ``down.part @ map @ across.part.T``
+
+        is the kernel of a circle if the total of the map is 1. ``radius``, ``squeeze`` and
+        ``largest`` are those of :meth:`Aperture.circle_kernel`; the point is in the middle of a
+        pixel.
+        """
+        size = max(abs(radius), SHARP)
+        height, width = self.transmission_map.shape
+        found = []
+        for axis, (elements, stretch) in enumerate(((width, squeeze), (height, 1.0))):
+            reach = math.ceil(size / stretch)
+            if largest is not None:
+                reach = min(reach, largest[axis])
+            edges = (np.arange(-reach, reach + 2) - 0.5) * (stretch / size * max(height, width) / 2)
+            place = edges[:, None] + elements / 2 - np.arange(elements)
+            part = np.diff(np.clip(place, 0, 1), axis=0)
+            growth = np.diff(np.where((place > 0) & (place < 1), -edges[:, None], 0), axis=0)
+            turned = slice(None, None, -1 if radius > 0 else 1)
+            found.append(Overlap(part[turned], growth[turned]))
+        across, down = found
+        return down, across
 
     def points(self, count: int) -> np.ndarray:
         """See :meth:`Aperture.points`: as dense as what it lets through."""
@@ -157,3 +197,10 @@ class ImageAperture(Aperture):
 
     def __repr__(self) -> str:
         return f"ImageAperture({'x'.join(map(str, self.transmission_map.shape[::-1]))})"
+
+
+def outside_circle(shape: tuple[int, ...]) -> np.ndarray:
+    """Which elements of a picture (H, W) lie outside the circle of an aperture, bool."""
+    down, across = np.indices(shape) + 0.5
+    height, width = shape
+    return np.hypot(across - width / 2, down - height / 2) > max(height, width) / 2

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from .._validation import require_choice, require_flag, require_number, shown
 from .aperture import Aperture
+from .arithmetic import on_host
+from .attached import has_gradient
 from .diffraction import ARGUMENTS, Argument, optical_coordinates
 from .diffraction_kernel import diffraction_kernel
 from .disc import disc_corner_area, disc_kernel, lens_points
@@ -107,6 +109,11 @@ class Lommel(_Diffracting):
     name: ClassVar[str] = "lommel"
 
     def __post_init__(self) -> None:
+        if has_gradient(self.wavelengths):
+            raise NotImplementedError(
+                f"wavelengths={shown(on_host(self.wavelengths))}: has gradients enabled, but "
+                "diffraction has no derivatives; detach it, as by dr.detach"
+            )
         if isinstance(self.wavelengths, str):
             if self.wavelengths != SPECTRUM:
                 raise ValueError(

@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from .._validation import require_number, require_whole
-from .aperture import Aperture
+from .attached import DifferentiableAperture
 from .disc import GOLDEN_ANGLE
 
 ARC = 0.05
@@ -18,7 +19,7 @@ ARC = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
-class Polygon(Aperture):
+class Polygon(DifferentiableAperture):
     """An aperture of blades: its corners lie on the circle of the aperture's radius.
 
     ============================  ==========================================================
@@ -29,6 +30,9 @@ class Polygon(Aperture):
                                   behind the camera; at 0 (default) a corner is at the top
     ``curvature``                 of the blades, from 0 (default), straight, to 1, the circle
     ============================  ==========================================================
+
+    ``rotation`` and ``curvature`` may be Dr.Jit arrays of one number: pictures then have
+    derivatives in what has gradients enabled.
     """
 
     blades: int = 6
@@ -36,9 +40,11 @@ class Polygon(Aperture):
     curvature: float = 0.0
 
     name: ClassVar[str] = "polygon"
+    steps: ClassVar[Mapping[str, float]] = {"rotation": 0.01, "curvature": 1e-4}
 
     def __post_init__(self) -> None:
         require_whole("blades", self.blades, 3, 64)
+        self._take_numbers("rotation", "curvature")
         require_number("rotation", self.rotation)
         require_number("curvature", self.curvature, 0, 1)
 
@@ -49,9 +55,9 @@ class Polygon(Aperture):
         # The blade is an arc through both corners, of a circle whose curvature is the parameter's.
         half, middle = math.sin(step / 2), math.cos(step / 2)
         angle = self.curvature * step / 2
-        pieces = max(1, math.ceil(2 * angle / ARC))
+        pieces = self._pieces
         share = np.linspace(-1, 1, pieces, endpoint=False)
-        if angle > 0:
+        if angle != 0:
             size = half / math.sin(angle)
             x = size * np.sin(share * angle)
             y = middle + size * (np.cos(share * angle) - math.cos(angle))
@@ -62,6 +68,17 @@ class Polygon(Aperture):
         # Clockwise from the top, where y is up; then y downwards.
         right, up = x * cosine + y * sine, y * cosine - x * sine
         return np.stack([right.ravel(), -up.ravel()], axis=-1)
+
+    @property
+    def _pieces(self) -> int:
+        """Straight pieces of which each blade is made."""
+        return max(1, math.ceil(self.curvature * (2 * math.pi / self.blades) / ARC))
+
+    def smooth(self) -> Polygon:
+        """See :meth:`.DifferentiableAperture.smooth`."""
+        if "curvature" not in self.attached:
+            return self.without_gradients()
+        return _PolygonOfPieces(self.blades, self.rotation, self.curvature)
 
     def corner_area(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """See :meth:`Aperture.corner_area`; in closed form, by Green's theorem along the edges."""
@@ -91,6 +108,21 @@ class Polygon(Aperture):
         along = ((turn - shares[sector]) / np.diff(shares)[sector])[:, None]
         edge = corners[sector] * (1 - along) + corners[sector + 1] * along
         return edge * np.sqrt((k + 0.5) / count)[:, None]
+
+
+@dataclasses.dataclass(frozen=True)
+class _PolygonOfPieces(Polygon):
+    """A polygon whose blades have as many pieces whatever their curvature, which may be beyond.
+
+    So its shape, and the picture, change smoothly with it.
+    """
+
+    def __post_init__(self) -> None:
+        pass
+
+    @property
+    def _pieces(self) -> int:
+        return math.ceil(2 * math.pi / self.blades / ARC)
 
 
 def _integral_of_lesser(x0: float, x1: float, most: np.ndarray, t: Any) -> np.ndarray:

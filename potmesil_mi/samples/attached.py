@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,10 +43,13 @@ class Attached:
         )
 
 
-def taken_from(columns: Mapping[str, Any]) -> dict[str, tuple[Any, np.ndarray]]:
+def taken_from(
+    columns: Mapping[str, Any], of: Sequence[str] = WITH_GRADIENTS
+) -> dict[str, tuple[Any, np.ndarray]]:
     """Of some columns those with gradients: their arrays, and their numbers as NumPy has them.
 
-    Raises ``TypeError`` for gradients of a column, or of a type, of which there are none.
+    ``of`` are the names of those that may have some. Raises ``TypeError`` for gradients of a
+    column, or of a type, of which there are none.
     """
     found = {}
     for name, column in columns.items():
@@ -56,10 +59,10 @@ def taken_from(columns: Mapping[str, Any]) -> dict[str, tuple[Any, np.ndarray]]:
 
         if not dr.grad_enabled(column):
             continue
-        if name not in WITH_GRADIENTS:
+        if name not in of:
             raise TypeError(
                 f"{name}={shown(column)}: has gradients enabled, but pictures have derivatives in "
-                f"{', '.join(WITH_GRADIENTS)} only; detach it, as by dr.detach"
+                f"{', '.join(of)} only; detach it, as by dr.detach"
             )
         values = column.array if dr.is_tensor_v(column) else dr.ravel(column)
         if not isinstance(values, jit.Float):

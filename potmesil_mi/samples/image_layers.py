@@ -6,7 +6,7 @@ samples (``silhouettes.py``); behind near edges what is farther goes on (``uncov
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -19,13 +19,24 @@ BRIGHTEST = float(np.finfo(np.float32).max)
 HIDDEN: tuple[Hidden, ...] = get_args(Hidden)
 
 
+class LayeredImage(NamedTuple):
+    """The columns of N samples of a picture, and the pixels whose depth and light they copy, (N,).
+
+    ``light_of`` is ``None`` where pixels were parted: their parts have colours of their own.
+    """
+
+    columns: dict[str, Any]
+    depth_of: np.ndarray
+    light_of: np.ndarray | None
+
+
 def with_layers(
     columns: dict[str, np.ndarray],
     z: np.ndarray,
     radius_per_vergence: float,
     antialiased: bool,
     hidden: Hidden,
-) -> dict[str, Any]:
+) -> LayeredImage:
     """The columns of one sample a pixel, row by row, with those of its parts and of what is hidden.
 
     ``z``, (H, W), are their depths; a lens of that ``radius_per_vergence``, in pixels, is to see
@@ -38,12 +49,13 @@ def with_layers(
     from .uncovered import uncovered_by
 
     if radius_per_vergence <= 0:
-        return columns
+        pixels = np.arange(z.size)
+        return LayeredImage(columns, pixels, pixels)
     count = z.size
     light = np.column_stack([columns["rgb"], columns["alpha"]]).astype(np.float64)
     weight, weight_behind, of_farther = np.ones(count), np.ones(count), light.copy()
     middle = np.zeros((count, 2))
-    added = []
+    added, light_of = [], [np.arange(count)]
     if antialiased:
         positive = np.maximum(light, 0).reshape(*z.shape, light.shape[1])
         parallax = radius_per_vergence / z
@@ -70,7 +82,9 @@ def with_layers(
         found = uncovered_by(z, radius_per_vergence)
         pixel, colour = found.pixel, of_farther[found.colour_of]
         added.append(_Added(pixel, found.depth_of, colour, weight_behind[pixel], 1))
-    return _joined(columns, light, weight, middle, added)
+        light_of.append(found.colour_of)
+    layers = _joined(columns, light, weight, middle, added)
+    return layers if antialiased else layers._replace(light_of=np.concatenate(light_of))
 
 
 class _Added:
@@ -100,14 +114,14 @@ def _joined(
     weight: np.ndarray,
     middle: np.ndarray,
     added: list[_Added],
-) -> dict[str, Any]:
+) -> LayeredImage:
     """The columns with what is ``added``, and with the other ones of their own."""
     at = np.concatenate([np.arange(len(weight)), *(of.at for of in added)])
     source = np.concatenate([np.arange(len(weight)), *(of.source for of in added)])
     light = np.concatenate([light, *(of.light for of in added)])
     middle = np.concatenate([middle, *(of.middle for of in added)])
     light = np.clip(light, -BRIGHTEST, BRIGHTEST)
-    return {
+    joined = {
         "x": columns["x"][at] + middle[:, 0],
         "y": columns["y"][at] + middle[:, 1],
         "rgb": light[:, :3],
@@ -117,3 +131,4 @@ def _joined(
         "weight": np.concatenate([weight, *(of.weight for of in added)]),
         "layer": np.concatenate([np.zeros(len(weight), np.uint8), *(of.layer for of in added)]),
     }
+    return LayeredImage(joined, source, None)

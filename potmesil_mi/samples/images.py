@@ -35,9 +35,10 @@ from ..optics.usable import require_usable_together
 from ..pictures.heic import picture_file
 from ..pictures.picture import Frame, read_depth, read_picture
 from ..pictures.programs import KnownDepth
+from .attached import taken_from
 from .columns import MOST_IDS
 from .foreign_deep import DeepImage, columns_of_deep, is_deep, read_deep
-from .image_layers import HIDDEN, Hidden, with_layers
+from .image_layers import HIDDEN, Hidden, LayeredImage, with_layers
 from .picture_optics import camera_and_lens, given_fov, require_fitting
 from .provenance import file_name, widest_of
 
@@ -100,7 +101,8 @@ class Described:
 class SampledImage(NamedTuple):
     """A picture as samples: its camera, its lens, the names of its surfaces, and its columns.
 
-    ``program`` is what wrote its depth, if that is known.
+    ``program`` is what wrote its depth, if that is known, and ``layers`` tells of which pixels
+    samples are copies, where that is so.
     """
 
     camera: Camera
@@ -108,11 +110,19 @@ class SampledImage(NamedTuple):
     surfaces: Mapping[int, str]
     columns: dict[str, Any]
     program: str | None = None
+    layers: LayeredImage | None = None
 
 
 def fields_of(rgb: Any, depth: Any, described: Described) -> dict[str, Any]:
     """A picture in a file, or in arrays, as the fields of samples; ``described`` says the rest."""
-    image = image_of(rgb, depth, described)
+    attached = taken_from({"rgb": rgb, "depth": depth}, of=("rgb", "depth"))
+    if attached and isinstance(rgb, (str, os.PathLike)):
+        raise NotImplementedError(
+            f"depth={shown(depth)}: has gradients enabled, but beside the file {rgb} it has no "
+            "derivatives; give rgb as an array, too"
+        )
+    plain = {"rgb": rgb, "depth": depth} | {name: column for name, (_, column) in attached.items()}
+    image = image_of(plain["rgb"], plain["depth"], described)
     provenance: dict[str, str | int | float] = {
         "version": package_version(),
         **widest_of(image.lens),
@@ -122,8 +132,15 @@ def fields_of(rgb: Any, depth: Any, described: Described) -> dict[str, Any]:
             provenance[name] = file_name(given)
     if image.program is not None:
         provenance["program"] = image.program
+    columns = image.columns
+    if attached:
+        from .attached_images import attached_columns  # It needs Dr.Jit.
+
+        assert image.layers is not None
+        kind, scale = described.depth_kind, described.depth_scale
+        columns = columns | attached_columns(attached, image.layers, kind, scale)
     return {
-        **image.columns,
+        **columns,
         "camera": image.camera,
         "lens": image.lens,
         "surfaces": image.surfaces,
@@ -289,8 +306,8 @@ def image_of_arrays(rgb: Any, depth: Any, described: Described) -> SampledImage:
         "weight": np.ones(depth.size),
     }
     radius = widest_radius_per_vergence(lens, camera, min(float(z.min()), FARTHEST))
-    columns = with_layers(columns, z, radius, described.antialiased, described.hidden)
-    return SampledImage(camera, lens, surfaces, columns)
+    layers = with_layers(columns, z, radius, described.antialiased, described.hidden)
+    return SampledImage(camera, lens, surfaces, layers.columns, layers=layers)
 
 
 def _scaled(depth: np.ndarray, described: Described) -> np.ndarray:

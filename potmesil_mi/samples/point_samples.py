@@ -29,6 +29,7 @@ from .attached import Attached, require_unattached, taken_from
 from .changes import Changes
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
+from .cropping import part_of
 from .display import html_of_samples
 from .header import Header
 from .image_layers import Hidden
@@ -342,9 +343,8 @@ class PointSamples(Columns):
         that part of the picture. It is the same part of the whole picture, up to rounding, where
         the halo reaches as far as the circles of confusion of all that stands around it, once
         for its light and once more for what it hides. The halo ends where the samples end.
-
-        With the method ``paper`` the tables stand between the nearest and the farthest of the
-        samples at hand, so that the part is nearly the same only where these are in it.
+        What is chosen from all samples is chosen from those at hand: parts that are to be put
+        beside each other are formed by ``focus(..., tiles=...)``.
 
         Raises ``ValueError`` for a window that goes beyond the crop window, and for one without
         samples; ``TypeError`` for other than whole numbers.
@@ -355,16 +355,10 @@ class PointSamples(Columns):
             raise ValueError(
                 f"window={tuple(window)}: must lie in the crop window {tuple(self.crop_window)}"
             )
-        camera = dataclasses.replace(
-            self.camera,
-            crop_offset=(window.left, window.top),
-            crop_size=(window.width, window.height),
-        )
         sampled = window.grown(halo).intersection(self.window)
-        inside = sampled.shows(self.x, self.y, self.window, edges=self.lattice > 0)
-        if not inside.any():
+        if not sampled.shows(self.x, self.y, self.window, edges=self.lattice > 0).any():
             raise ValueError(f"window={tuple(window)}, halo={halo}: there are no samples in it")
-        return self.chosen(inside).replace(camera=camera, window=sampled)
+        return part_of(self, window, sampled)
 
     def merge(
         self, lens: ThinLens | TelecentricLens | None = None, tolerance: float = 0.1

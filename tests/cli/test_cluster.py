@@ -1,6 +1,7 @@
 """``--cluster``: what workers make is what one process makes, also where one of them is lost."""
 
 import contextlib
+import dataclasses
 import os
 import signal
 import sys
@@ -14,6 +15,8 @@ from cli.test_stack import channels_of
 
 import potmesil_mi as pm
 from potmesil_mi import _cluster, cli
+from potmesil_mi.focusing.tiles.forming import focus_by_tiles
+from potmesil_mi.focusing.tiles.workers import tiles_elsewhere
 from potmesil_mi.stacks.foci import Foci
 from potmesil_mi.stacks.forming import Forming
 from potmesil_mi.stacks.layouts import plain_files
@@ -161,6 +164,28 @@ def test_workers_that_profile_are_warned_of(tmp_path, kept, address, capsys, tel
     assert "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False" in capsys.readouterr().err
 
 
+def test_tiles_of_workers_are_the_picture_of_one_process(tmp_path, kept, address, monkeypatch):
+    for name, more in (("alone", []), ("tiles", ["--tiles", "2x1", "--cluster", address])):
+        output = str(tmp_path / name / "picture.exr")
+        (tmp_path / name).mkdir()
+        assert cli.main(["focus", kept, "--filter", "fade:amount=0.5", "-o", output, *more]) == 0
+    require_same(tmp_path / "tiles", tmp_path / "alone")
+
+
+def test_a_rendered_picture_is_formed_by_tiles_of_workers(tmp_path, address):
+    for name, more in (("alone", []), ("tiles", ["--tiles", "1x2", "--cluster", address])):
+        (tmp_path / name).mkdir()
+        output = str(tmp_path / name / "picture.exr")
+        assert cli.main(["render", FIGURE, *SMALL, "-o", output, *more]) == 0
+    require_same(tmp_path / "tiles", tmp_path / "alone")
+
+
+def test_a_cluster_forms_one_picture_by_tiles_alone(tmp_path, kept, address, capsys):
+    output = str(tmp_path / "picture.exr")
+    assert cli.main(["focus", kept, "-o", output, "--cluster", address]) == 1
+    assert f"--cluster={address}: needs --tiles, such as 4x4" in capsys.readouterr().err
+
+
 # ---------------------------------------------------------------- from Python
 
 
@@ -214,6 +239,28 @@ def test_the_task_of_a_worker_that_is_lost_is_done_by_another(tmp_path, kept, al
         for channel, values in expected.items():
             np.testing.assert_allclose(found[channel], values, rtol=1e-5, atol=1e-6)
     assert not plan.to_do(range(5))
+
+
+def test_the_tile_of_a_worker_that_is_lost_is_formed_by_another(tmp_path, kept, address):
+    lost, here = tmp_path / "lost", os.getpid()
+
+    @dataclasses.dataclass(frozen=True)
+    class EndsItsWorker(pm.PointSpreadFunction):
+        def table(self, *arguments):
+            if os.getpid() != here and not lost.exists():
+                lost.write_text(str(os.getpid()))
+                os.kill(os.getpid(), signal.SIGKILL)
+            return pm.Disc().table(*arguments)
+
+    samples, psf = pm.PointSamples.load(kept), EndsItsWorker()
+    with (
+        _cluster.joined(address, tmp_path) as cluster,
+        tiles_elsewhere(cluster, samples) as doing,
+    ):
+        picture = focus_by_tiles(samples, None, pm.Layered(), (2, 1), psf, doing=doing)
+    assert int(lost.read_text()) != here
+    expected = np.array(pm.focus(samples, psf=psf))
+    np.testing.assert_allclose(np.array(picture), expected, rtol=0, atol=1e-5)
 
 
 # ---------------------------------------------------------------- without workers

@@ -11,7 +11,7 @@ import pytest
 
 import potmesil_mi as pm
 from potmesil_mi.evaluation.metrics import psnr
-from potmesil_mi.focusing import layered as layered_module
+from potmesil_mi.focusing import viewing as viewing_module
 from potmesil_mi.focusing.lens_view import LensView
 from potmesil_mi.optics.blur import radius_per_vergence
 from scenes import LENS, diffuse, overscanned, pinhole_mean, synthetic
@@ -334,7 +334,7 @@ def test_light_from_beyond_the_window_is_added(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_refocusing_finds_visibility_only_once(method, monkeypatch):
     calls = {"gathered": 0, "seen": 0}
-    gather, see = layered_module.gather_with_known, LensView.of.__func__
+    gather, see = viewing_module.gather_with_known, LensView.of.__func__
 
     def counting_gather(*arguments, **options):
         calls["gathered"] += 1
@@ -344,7 +344,7 @@ def test_refocusing_finds_visibility_only_once(method, monkeypatch):
         calls["seen"] += 1
         return see(cls, *arguments, **options)
 
-    monkeypatch.setattr(layered_module, "gather_with_known", counting_gather)
+    monkeypatch.setattr(viewing_module, "gather_with_known", counting_gather)
     monkeypatch.setattr(LensView, "of", classmethod(counting_see))
     samples = with_parallax(overscanned(), 8.0)
     images = [

@@ -8,15 +8,11 @@ both alike changes nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import drjit as dr
 import numpy as np
 
 from ... import _backend as jit
-
-if TYPE_CHECKING:
-    from ..visibility import _Frame, _FromPoint
+from ..lens_images import Frame, FromPoint
 
 LEAST_CHANGE = 2**-8
 """Change of visibility a subpixel below which there is no edge."""
@@ -45,19 +41,19 @@ class Edges:
     def begin(
         self, coverable: np.ndarray, covering: np.ndarray, first_point: int, size: int
     ) -> None:
-        """See :class:`potmesil_mi.focusing.visibility.EdgeFinder`."""
+        """See :class:`potmesil_mi.focusing.lens_images.EdgeFinder`."""
         self._coverable, self._covering = np.flatnonzero(coverable), np.flatnonzero(covering)
         self._first_point = first_point
         # Of several that cover a subpixel the farthest owns it: what is before it hides it, too.
         self._owner = dr.full(jit.UInt32, NO_ONE, size)
 
     def cover(self, fragment: jit.UInt32, place: jit.UInt32, active: jit.Bool) -> None:
-        """See :class:`potmesil_mi.focusing.visibility.EdgeFinder`."""
+        """See :class:`potmesil_mi.focusing.lens_images.EdgeFinder`."""
         mode = dr.ReduceMode.Direct
         dr.scatter_reduce(dr.ReduceOp.Min, self._owner, fragment, place, active, mode=mode)
 
-    def look(self, looking: _FromPoint, depth: jit.Float, frame: _Frame) -> None:
-        """See :class:`potmesil_mi.focusing.visibility.EdgeFinder`."""
+    def look(self, looking: FromPoint, depth: jit.Float, frame: Frame) -> None:
+        """See :class:`potmesil_mi.focusing.lens_images.EdgeFinder`."""
         place = looking.place(frame)
         inside = looking.inside(frame) & (looking.x >= 1) & (looking.y >= 1)
         dr.eval(place)

@@ -7,11 +7,14 @@ import math
 import drjit as dr
 
 from ... import _backend as jit
+from ...optics.aperture import Aperture
+from ...optics.attached import DifferentiableAperture
 from ...optics.blur import Blur
+from ...optics.image_aperture import ImageAperture
 from ...optics.lens import ThinLens
-from ...optics.psf import aperture_behind
+from ...optics.psf import PointSpreadFunction, aperture_behind
 from ...samples.raster import Window
-from ..exposure import Exposure
+from ..exposure import Exposure, Visibility
 from ..film import (
     FinePicture,
     ReconstructionFilter,
@@ -20,11 +23,14 @@ from ..film import (
     rows_and_columns,
 )
 from ..fragments import Fragments, gathered
-from ..layered import Visibility, cropped, fineness_of, radius_of_view
-from ..lens_points import LensPoints
+from ..layered import cropped
 from ..memo import Memo
+from ..viewing import Viewing
 from .composite import Spread, composite
 from .gathering import gather
+from .opening import Opening
+from .opening_of_numbers import OpeningOfNumbers
+from .opening_of_picture import OpeningOfPicture
 from .slices import SmoothSlice, plan
 from .splat import splat
 from .spread import light_of
@@ -39,28 +45,30 @@ def form(
     memo: Memo,
     how: Visibility,
     lens: ThinLens,
+    psf: PointSpreadFunction,
     rfilter: ReconstructionFilter | None,
 ) -> jit.TensorXf:
     """The picture (h, w, 3 or 4) of the crop window, attached to all that has gradients.
 
-    ``lens`` is that of the ``exposure``, with its gradients.
+    ``lens`` and ``psf`` are those of the ``exposure``, with their gradients.
     """
     samples, subpixels = exposure.samples, exposure.subpixels
-    view = _view(exposure, memo, how)
+    viewing, opening = Viewing(exposure, memo, how), _opening(psf)
+    view = _view(viewing, memo, opening.seen_from)
     plain = exposure.blur
     in_subpixels = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * in_subpixels), jit.Float(1 / lens.focus_distance))
     # Numbers of the user's would be compiled into each kernel.
     dr.make_opaque(blur.radius_per_vergence, blur.focused_vergence)
     light = view.light(samples, subpixels)
-    seen = _seen(view, light, blur)
+    seen = _seen(view, light, blur, opening.weights(len(view.points)))
     slices = plan(
         view,
         exposure.lens,
-        exposure.psf,
+        opening,
         plain,
         exposure.subpixels_per_mm,
-        fineness_of(exposure, how.exact),
+        viewing.fineness,
     )
     spread = [_spread(view, light, seen, blur, plain, each) for each in slices]
     density = view.gathering.density
@@ -80,6 +88,13 @@ def form(
     return jit.TensorXf(interleaved(pixels), size)
 
 
+def _opening(psf: PointSpreadFunction) -> Opening:
+    """The opening that ``psf`` is, attached to what has gradients of it."""
+    if isinstance(psf, DifferentiableAperture) and psf.attached:
+        return OpeningOfPicture(psf) if isinstance(psf, ImageAperture) else OpeningOfNumbers(psf)
+    return Opening(psf, aperture_behind(psf))
+
+
 def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float:
     """The part of an array of the samples' window that is in the crop."""
     row, column = rows_and_columns(dr.arange(jit.UInt32, crop.size), crop.width)
@@ -87,14 +102,13 @@ def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float
     return gathered(jit.Float, values, place)
 
 
-def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
-    """What the lens sees: known from before, or found out now."""
+def _view(viewing: Viewing, memo: Memo, aperture: Aperture) -> SmoothView:
+    """What the lens sees from the points of an aperture: known from before, or found out now."""
+    exposure, radius = viewing.exposure, viewing.radius_per_vergence
     samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
-    radius = radius_of_view(exposure, how.exact)
     # Bins that changed with each aperture would join other samples, and part other surfaces.
     of_bins = 2 ** (math.ceil(math.log2(radius) * BINS_AN_OCTAVE) / BINS_AN_OCTAVE)
-    aperture = aperture_behind(exposure.psf)
-    points = LensPoints.of(aperture, exposure.lens, samples, how.lens_points, subpixels)
+    points = viewing.points_of(aperture)
     about = ("smooth", jit.name(), subpixels, alpha, of_bins)
     gathering = memo.get(about, lambda: gather(samples, subpixels, of_bins, alpha))
     return memo.get(
@@ -103,8 +117,11 @@ def _view(exposure: Exposure, memo: Memo, how: Visibility) -> SmoothView:
     )
 
 
-def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
-    """What each lens point sees of each occluded fragment, 0 to 1, lane by lane."""
+def _seen(view: SmoothView, light: Light, blur: Blur, weights: jit.Float | None) -> jit.Float:
+    """What each lens point shows of each occluded fragment, lane by lane.
+
+    That is what it sees, 0 to 1, times what it counts, if the points have ``weights``.
+    """
     edges = view.edges
     if view.seen.size == 0:
         return jit.Float()
@@ -118,7 +135,10 @@ def _seen(view: SmoothView, light: Light, blur: Blur) -> jit.Float:
     moved = parallax(light.vergence, blur.radius_per_vergence) - known
     dr.eval(seen)
     dr.scatter_add(seen, moved * edges.along, edges.lane, mode=dr.ReduceMode.Direct)
-    return seen
+    if weights is None:
+        return seen
+    point = dr.arange(jit.UInt32, view.seen.size) % dr.opaque(jit.UInt32, len(view.points))
+    return seen * dr.gather(jit.Float, weights, point)
 
 
 def _spread(

@@ -12,7 +12,7 @@ from ...samples.point_samples import PointSamples
 from ..density import BORROWED_DENSITY, evened
 from ..fragments import MAX_BINS, SHARE, Fragments
 from ..gathering import ends_of_bins
-from ..locating import Bins, located_in, parts_of
+from ..locating import Bins, Raster, located_in, parts_of
 
 
 class Gathering(NamedTuple):
@@ -66,7 +66,8 @@ def gather(
 
     Of each sample it tells where it went.
     """
-    raster = samples.window.subdivided(subpixels)
+    raster = Raster.of(samples, subpixels)
+    width, height = raster.window.width, raster.window.height
     bins = Bins.of(samples.z, radius_per_vergence)
     located = functools.partial(located_in, samples, subpixels, raster)
     nearest, farthest = (
@@ -98,10 +99,10 @@ def gather(
     first = bins.vergence_min + (nearest[place] + 0.5) * bins.width
     gap = np.where(layer > 0, np.maximum(first - vergence, bins.width * 1e-3), 0)
     fragments = Fragments(
-        raster.width,
-        raster.height,
-        place % raster.width,
-        place // raster.width,
+        width,
+        height,
+        place % width,
+        place // width,
         vergence,
         np.stack(columns, axis=1),
         gap,

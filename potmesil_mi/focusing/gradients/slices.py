@@ -12,16 +12,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ... import _backend as jit
 from ...optics.blur import Blur
 from ...optics.convolution import fast_size
 from ...optics.lens import ThinLens
-from ...optics.psf import PointSpreadFunction
 from ...samples.raster import Window
 from ..bands import Band, bands
 from ..fragments import Fragments
 from ..kernels import KernelFactory, is_plain
+from ..locating import Bins
 from ..slices import CELL_RADIUS, Fineness, smeared
 from ..small_circles import responses_of
+from .opening import AttachedKernels, Opening
 from .view import SmoothView
 
 CIRCLES_AN_OCTAVE = 4
@@ -66,9 +68,11 @@ class SmoothSlice:
     ``is_sharp``                  whether the circles are of both signs
     ``unoccluded``, ``occluded``  which of the view's fragments are in it
     ``small``                     where circles are small and the detail of fragments is known,
-                                  what subpixels around get of it, see :func:`.responses_of`;
+                                  the table of what subpixels around get of it, see
+                                  :func:`.responses_of`;
                                   there is one kernel then, of no width
     ``circles``, ``kernels``      radii in subpixels, float64 (K,), and a kernel for each
+    ``attached_kernels``          the same kernels where they have gradients, or ``None``
     ``cells``, ``cell_kernels``   radii in subpixels of circles, float64 (L,), and a kernel for
                                   the cell of a lens point of each
     ============================  ==========================================================
@@ -79,9 +83,10 @@ class SmoothSlice:
     is_sharp: bool
     unoccluded: slice
     occluded: slice
-    small: np.ndarray | None
+    small: jit.Float | None
     circles: np.ndarray
     kernels: list[np.ndarray]
+    attached_kernels: AttachedKernels | None
     cells: np.ndarray
     cell_kernels: list[np.ndarray]
 
@@ -89,15 +94,16 @@ class SmoothSlice:
 def plan(
     view: SmoothView,
     lens: ThinLens,
-    psf: PointSpreadFunction,
+    opening: Opening,
     blur: Blur,
     subpixels_per_mm: float,
     fineness: Fineness,
 ) -> list[SmoothSlice]:
-    """The slices of a focus, from the nearest; all that is given has plain numbers."""
+    """The slices of a focus, from the nearest; all but the ``opening`` has plain numbers."""
     fragments = view.gathering.fragments
+    bins = Bins(fragments.vergence_min, fragments.bin_width)
     slices = []
-    for band in bands(view.counts, fragments, blur, fineness.kept_radius):
+    for band in bands(view.counts, bins, blur, fineness.kept_radius):
         parts = [
             slice(*np.searchsorted(fragments.bin[kind], [band.first, band.end]))
             for kind in (view.unoccluded, view.occluded)
@@ -105,7 +111,7 @@ def plan(
         index = [view.unoccluded[parts[0]], view.occluded[parts[1]]]
         if len(index[0]) + len(index[1]) > 0:
             these = fragments.chosen(np.concatenate(index))
-            slices.append(_planned(view, these, parts, band, lens, psf, blur, subpixels_per_mm))
+            slices.append(_planned(view, these, parts, band, lens, opening, blur, subpixels_per_mm))
     return slices
 
 
@@ -115,7 +121,7 @@ def _planned(
     parts: Sequence[slice],
     band: Band,
     lens: ThinLens,
-    psf: PointSpreadFunction,
+    opening: Opening,
     blur: Blur,
     subpixels_per_mm: float,
 ) -> SmoothSlice:
@@ -123,7 +129,7 @@ def _planned(
     factor = band.resolution
     factory = KernelFactory(
         lens,
-        psf,
+        opening.psf,
         subpixels_per_mm / factor,
         blur.radius_per_vergence / factor,
         blur.focused_vergence,
@@ -135,13 +141,12 @@ def _planned(
     ends = float(radii.min()), float(radii.max())
     is_sharp, small = band.inner == 0, None
     if is_sharp:
-        ends = 0.0, ends[1]
-        if view.plain.detail is not None and is_plain(psf):
-            small = responses_of(psf, float(lens.squeeze), view.plain.detail.degree)
-    circles, kernels = np.zeros(1), [np.ones(1)]
+        ends, small = (0.0, ends[1]), _small_circles(view, opening, float(lens.squeeze))
+    circles, kernels, attached = np.zeros(1), [np.ones(1)], None
     if small is None:
         circles = circles_around(*ends, SMALLEST_CIRCLE, CIRCLES_AN_OCTAVE)
         kernels = [factory.of_radius(radius / factor) for radius in circles]
+        attached = opening.kernels(factory, circles / factor, kernels)
     cells = circles_around(*ends, SMALLEST_CELL, CELLS_AN_OCTAVE)
     cell = CELL_OF_CIRCLE / math.sqrt(len(view.points))
     cell_kernels = [factory.of_cell(cell * radius / factor) for radius in cells]
@@ -157,5 +162,23 @@ def _planned(
         fast_size(int(y.max()) + 1 + reach - top),
     )
     return SmoothSlice(
-        factor, box, is_sharp, parts[0], parts[1], small, circles, kernels, cells, cell_kernels
+        factor,
+        box,
+        is_sharp,
+        parts[0],
+        parts[1],
+        small,
+        circles,
+        kernels,
+        attached,
+        cells,
+        cell_kernels,
     )
+
+
+def _small_circles(view: SmoothView, opening: Opening, squeeze: float) -> jit.Float | None:
+    """The table of what subpixels get of small circles, if it can be used."""
+    detail, psf = view.plain.detail, opening.psf
+    if detail is None or not is_plain(psf):
+        return None
+    return opening.responses(responses_of(psf, squeeze, detail.degree), squeeze)

@@ -18,6 +18,7 @@ from ..fragments import Fragments, as_column, gathered
 from ..lit import dark, lit_around, mark
 from ..small_circles import REACH, shared
 from ..splat import ImageStack
+from .opening import AttachedKernels
 from .slices import SmoothSlice
 from .view import Light, SmoothView
 
@@ -27,6 +28,7 @@ class SmoothImages(NamedTuple):
 
     stack: ImageStack
     kernels: list[np.ndarray]
+    attached_kernels: AttachedKernels | None = None
 
 
 class _Between(NamedTuple):
@@ -42,7 +44,7 @@ def splat(
     """The images of a slice.
 
     ``blur`` may have gradients, ``plain`` has the same numbers without. ``seen`` is what each lens
-    point sees of each occluded fragment, 0 to 1.
+    point shows of each occluded fragment, 1 on the average where all see it.
     """
     images = []
     if each.unoccluded.start < each.unoccluded.stop:
@@ -101,7 +103,7 @@ def _splat_circles(
             part = jit.from_numpy(jit.Float, across * down / factor**2)
         for beyond, of_it in ((0, 1 - share), (1, share)):
             stack.scatter(values, alpha, stack.place(kernel + beyond, *there), of_it * part)
-    return SmoothImages(stack, each.kernels)
+    return SmoothImages(stack, each.kernels, each.attached_kernels)
 
 
 def _splat_small_circles(
@@ -110,7 +112,7 @@ def _splat_small_circles(
     light: Light,
     blur: Blur,
     each: SmoothSlice,
-    responses: np.ndarray,
+    responses: jit.Float,
 ) -> SmoothImages:
     """Unoccluded fragments in the place of each and around it, spread by their small circles."""
     box, detail = each.box, light.detail

@@ -16,7 +16,7 @@ from ..detail import Detail, along_axes, detail_degree
 from ..fragments import SHARE, as_column, gathered, scatter_mode
 from ..lens_points import LensPoints
 from ..lens_view import LEAST_SEEN
-from ..locating import located_in
+from ..locating import Raster, located_in
 from ..moments import legendre
 from ..visibility import visibility
 from .edges import Edges
@@ -97,7 +97,7 @@ class SmoothView:
         """What the ``lens_points`` see of ``samples``, which are gathered."""
         fragments, found = gathering.fragments, Edges()
         points = lens_points.points
-        coverable, seen = visibility(fragments, radius_per_vergence, points, None, found)
+        coverable, seen = visibility(fragments, radius_per_vergence, points, edges=found)
         first = fragments.gap_in_front[coverable] == 0
         seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
         if lens_points.has_rim:
@@ -229,7 +229,7 @@ class _Sums:
     def detail(self, degree: int, values: jit.Float | None = None) -> Detail:
         """The detail of the fragments, whose light is given if it has gradients."""
         own, samples = self.gathering, self.samples
-        raster = samples.window.subdivided(self.subpixels)
+        raster = Raster.of(samples, self.subpixels)
         at = located_in(samples, self.subpixels, raster, slice(None))
         colours, alpha = [], []
         has_alpha = own.fragments.values.shape[1] > SHARE + 1
