@@ -34,7 +34,7 @@ def outputs(path):
 
 
 def test_there_are_notebooks():
-    assert len(NOTEBOOKS) == 5
+    assert len(NOTEBOOKS) == 7
 
 
 @pytest.mark.longest
