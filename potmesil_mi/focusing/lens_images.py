@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple, Protocol
 
 import drjit as dr
@@ -11,7 +12,7 @@ from .. import _backend as jit
 from ..samples.raster import Window
 
 
-class Frame(NamedTuple):
+class ImageFrame(NamedTuple):
     """Subpixels of a lens point's image: the ``window`` and a ``margin`` around it.
 
     They are counted from the first of the frame of the whole picture, of which the window may be a
@@ -38,7 +39,8 @@ class Frame(NamedTuple):
         return self.width * self.height
 
 
-class FromPoint(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class FromPoint:
     """Fragments, points (u, v) of the lens, and where (x, y) in the frame these see those."""
 
     fragment: jit.UInt32
@@ -48,14 +50,14 @@ class FromPoint(NamedTuple):
     x: jit.Float
     y: jit.Float
 
-    def inside(self, frame: Frame) -> jit.Bool:
+    def inside(self, frame: ImageFrame) -> jit.Bool:
         """Which are in the frame with the subpixels right of and below them."""
         if not frame.is_narrow:
             return jit.Bool(True)
         right, below = (dr.opaque(jit.Float, of - 2) for of in (frame.width, frame.height))
         return (self.x >= 0) & (self.y >= 0) & (self.x < right) & (self.y < below)
 
-    def place(self, frame: Frame) -> jit.UInt32:
+    def place(self, frame: ImageFrame) -> jit.UInt32:
         """Index in images of all points, one after the other."""
         left, top = (dr.opaque(jit.UInt32, of) for of in frame.window[:2])
         row = (jit.UInt32(self.y) - top) * dr.opaque(jit.UInt32, frame.width)
@@ -80,6 +82,6 @@ class EdgeFinder(Protocol):
         """Fragments, by their numbers among the ``covering``, cover subpixels."""
         ...
 
-    def look(self, looking: FromPoint, depth: jit.Float, frame: Frame) -> None:
+    def look(self, looking: FromPoint, depth: jit.Float, frame: ImageFrame) -> None:
         """Fragments are looked for behind what has that optical ``depth``."""
         ...

@@ -1,7 +1,7 @@
 """The plan of a focus: what of it is discrete, made first, on the host.
 
 Fragments of similar circles form a depth slice. A plan says, for each slice, on pixels of what size
-it is spread, in which box, by kernels of which radii. The operators of :mod:`.splat`, ``.convolve``
+it is spread, in which box, by kernels of which radii. The operators of ``.splat``, ``.convolve``
 and ``.composite`` then apply it; they are linear in the light, or piecewise smooth.
 
 Within a slice, pixels and kernel radii get coarser as the circles grow, so that the cost of a

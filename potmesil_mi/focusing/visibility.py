@@ -24,7 +24,7 @@ import scipy.ndimage
 from .. import _backend as jit
 from ..samples.raster import Window
 from .fragments import BIN_RADIUS, MAX_BINS, Fragments, columns_of
-from .lens_images import EdgeFinder, Frame, FromPoint
+from .lens_images import EdgeFinder, FromPoint, ImageFrame
 from .opacity import optical_depth
 
 SLANT_BINS = 2
@@ -143,7 +143,7 @@ def limits_of(fragments: Fragments, coverable: np.ndarray) -> SightLimits:
 
 def _frame_of(
     fragments: Fragments, radius_per_vergence: float, limits: SightLimits
-) -> tuple[Frame, np.floating]:
+) -> tuple[ImageFrame, np.floating]:
     """The frame of lens points' images, and the vergence that all of them see at the same place.
 
     Its margin is as wide as parallax moves fragments against the middle of their vergences. Where
@@ -160,9 +160,9 @@ def _frame_of(
     most = max(most, width, height)
     window = Window(fragments.left, fragments.top, fragments.width, fragments.height)
     if margin <= most:
-        return Frame(window, math.ceil(margin), False), (ends[0] + ends[1]) / 2
+        return ImageFrame(window, math.ceil(margin), False), (ends[0] + ends[1]) / 2
     middle = ends[0] + max(most - along - 3, 0) / radius_per_vergence
-    return Frame(window, math.ceil(most), True), middle
+    return ImageFrame(window, math.ceil(most), True), middle
 
 
 def _relative_path(motion: np.ndarray | None) -> float:
@@ -313,7 +313,7 @@ def _cover(
     depth: jit.Float,
     seen: FromPoint,
     covers: _Covers,
-    frame: Frame,
+    frame: ImageFrame,
     edges: EdgeFinder | None,
 ) -> None:
     """Add that of fragments to the optical ``depth`` of subpixels in which the points see them."""
@@ -345,7 +345,7 @@ def _seen_from(
     behind: _Shifted,
     before: _Shifted,
     covers: _Covers,
-    frame: Frame,
+    frame: ImageFrame,
     step: int,
     edges: EdgeFinder | None,
 ) -> np.ndarray:

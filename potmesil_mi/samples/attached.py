@@ -17,7 +17,7 @@ WITH_GRADIENTS = ("rgb", "alpha", "z", "weight")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Attached:
+class AttachedColumn:
     """A column that has gradients.
 
     ============================  ==========================================================
@@ -31,14 +31,14 @@ class Attached:
     values: Any
     column: np.ndarray
 
-    def chosen(self, which: np.ndarray | slice, column: np.ndarray) -> Attached:
+    def chosen(self, which: np.ndarray | slice, column: np.ndarray) -> AttachedColumn:
         """The samples that ``which`` has, whose column is given."""
         import drjit as dr
 
         index = np.arange(len(self.column))[which]
         channels = self.column.size // len(self.column)
         index = (index[:, None] * channels + np.arange(channels)).ravel()
-        return Attached(
+        return AttachedColumn(
             dr.gather(jit.Float, self.values, jit.from_numpy(jit.UInt32, index)), column
         )
 

@@ -25,7 +25,7 @@ from ..optics.lens import ThinLens
 from ..optics.telecentric import TelecentricLens, require_fitting
 from . import files
 from .aovs import are_ids, require_aov_names, require_named
-from .attached import Attached, require_unattached, taken_from
+from .attached import AttachedColumn, require_unattached, taken_from
 from .changes import Changes
 from .columns import OF_DEFAULT, TWINS, Columns, parts_of, require_beside_columns, visibility_points
 from .counting import primary_rays
@@ -123,7 +123,7 @@ class PointSamples(Columns):
     visibility_radius: Sequence[float] | None = None
     provenance: Provenance = dataclasses.field(default_factory=dict)
     aov_names: Sequence[str] = ()
-    _attached: Mapping[str, Attached] = dataclasses.field(default_factory=dict)
+    _attached: Mapping[str, AttachedColumn] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         given = taken_from({f.name: getattr(self, f.name) for f in self.present()})
@@ -142,7 +142,7 @@ class PointSamples(Columns):
         object.__setattr__(self, "aov_names", names)
         attached = {name: of for name, of in self._attached.items() if name not in given}
         for name, (values, _) in given.items():
-            attached[name] = Attached(values, getattr(self, name))
+            attached[name] = AttachedColumn(values, getattr(self, name))
         object.__setattr__(self, "_attached", attached)
         if not self.all_valid:
             count, valid = len(self), self.is_valid()
@@ -227,8 +227,8 @@ class PointSamples(Columns):
         return {name: of.values for name, of in own if of.column is getattr(self, name)}
 
     def _attached_of(
-        self, which: np.ndarray | slice, attached: Mapping[str, Attached]
-    ) -> dict[str, Attached]:
+        self, which: np.ndarray | slice, attached: Mapping[str, AttachedColumn]
+    ) -> dict[str, AttachedColumn]:
         return {name: of.chosen(which, getattr(self, name)) for name, of in attached.items()}
 
     def chosen(self, which: np.ndarray | slice) -> PointSamples:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -18,7 +18,8 @@ ROUNDED = 1 / 64
 """How far from where a share is clipped the bend is rounded."""
 
 
-class Spread(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Spread:
     """The light of a slice: RGB and share, interleaved, and alpha, of the pixels of ``box``."""
 
     colours: jit.Float
@@ -28,7 +29,8 @@ class Spread(NamedTuple):
     is_sharp: bool
 
 
-class Composited(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Composited:
     """A picture: its channels, and what each subpixel counts in its pixel."""
 
     channels: list[jit.Float]

@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 
 from ... import _backend as jit
-from ..lens_images import Frame, FromPoint
+from ..lens_images import FromPoint, ImageFrame
 
 LEAST_CHANGE = 2**-8
 """Change of visibility a subpixel below which there is no edge."""
@@ -52,7 +52,7 @@ class Edges:
         mode = dr.ReduceMode.Direct
         dr.scatter_reduce(dr.ReduceOp.Min, self._owner, fragment, place, active, mode=mode)
 
-    def look(self, looking: FromPoint, depth: jit.Float, frame: Frame) -> None:
+    def look(self, looking: FromPoint, depth: jit.Float, frame: ImageFrame) -> None:
         """See :class:`potmesil_mi.focusing.lens_images.EdgeFinder`."""
         place = looking.place(frame)
         inside = looking.inside(frame) & (looking.x >= 1) & (looking.y >= 1)

@@ -7,10 +7,11 @@ kernels are linear but for what the whole lets through, the exact one and its tr
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import drjit as dr
 import numpy as np
@@ -38,7 +39,8 @@ class Slope(Protocol):
         """The transpose: of (n,) what each parameter has, (P,)."""
 
 
-class AttachedKernels(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class AttachedKernels:
     """Kernels with gradients: the numbers of all, each of a shape (rows, columns)."""
 
     values: jit.Float

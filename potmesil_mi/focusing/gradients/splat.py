@@ -31,13 +31,6 @@ class SmoothImages(NamedTuple):
     attached_kernels: AttachedKernels | None = None
 
 
-class _Between(NamedTuple):
-    """Between which two of some radii a circle is, and what part of it is the larger one's."""
-
-    first: jit.UInt32
-    share: jit.Float
-
-
 def splat(
     view: SmoothView, light: Light, seen: jit.Float, blur: Blur, plain: Blur, each: SmoothSlice
 ) -> list[SmoothImages]:

@@ -77,7 +77,7 @@ class _Spread(dr.CustomOp):
 def light_of(images: SmoothImages) -> tuple[jit.Float, jit.Float | None]:
     """The light of images: RGB and share of the pixels of their box, interleaved, and alpha."""
     stack, attached = images.stack, images.attached_kernels
-    numbers, shapes = (None, None) if attached is None else attached
+    numbers, shapes = (None, None) if attached is None else (attached.values, attached.shapes)
     plain = images._replace(attached_kernels=None)
     result: Any = dr.custom(_Spread, stack.colours, stack.alpha, numbers, plain, shapes)
     return result[0], result[1]

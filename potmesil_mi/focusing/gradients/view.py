@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -23,7 +22,8 @@ from .edges import Edges
 from .gathering import Gathering
 
 
-class Light(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Light:
     """What has derivatives of F fragments.
 
     ============================  ==========================================================
@@ -45,7 +45,8 @@ class Light(NamedTuple):
     detail: Detail | None
 
 
-class EdgeColumns(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class EdgeColumns:
     """Edges, see :class:`.edges.Edges`, of occluded fragments.
 
     ``lane`` is the pair of an occluded fragment and a lens point, ``along`` the change of what is
