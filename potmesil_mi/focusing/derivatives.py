@@ -74,7 +74,9 @@ def require_derivatives(
     if samples.lattice > 0:
         refused[f"lattice={samples.lattice}"] = "samples on a lattice"
     if samples.visibility is not None and samples.visibility.any():
-        refused["visibility"] = "what is seen in mirrors and through panes"
+        refused["visibility"] = (
+            "what is seen in mirrors and through panes (but if sampled with virtual_depth=false)"
+        )
     for parameter, what in refused.items():
         raise NotImplementedError(
             f"{parameter}: {what} has no derivatives, and {', '.join(names)} has gradients enabled"
