@@ -35,6 +35,9 @@ from .methods import Method, MethodName
 from .telecentric import changed, require_usable
 from .traps import warn_of_traps
 
+GRADIENTS_TAKE = 4
+"""Times the memory that a picture takes with gradients: 2 of plain scenes, 3.9 of the thicket."""
+
 _memos: weakref.WeakKeyDictionary[PointSamples, Memo] = weakref.WeakKeyDictionary()
 """What :func:`potmesil_mi.focus` has found out, for as long as there are the samples."""
 
@@ -242,7 +245,7 @@ def asked(
     if subpixels is None:
         subpixels = method.default_squares(samples, psf)
     if not by_tiles:
-        require_memory_for(samples, method, subpixels)
+        require_memory_for(samples, method, subpixels, with_gradients=bool(names))
     warn_of_traps(samples, in_units_of(samples, given), given_lens is not None, memo, depth=4)
     channels = psf.channels if isinstance(psf, Aperture) else (psf,)
     _require_hashable(channels)
@@ -280,14 +283,17 @@ def form_picture(
         return wanted.filtered(picture, samples)
 
 
-def require_memory_for(samples: PointSamples, method: Method, subpixels: int) -> None:
+def require_memory_for(
+    samples: PointSamples, method: Method, subpixels: int, *, with_gradients: bool = False
+) -> None:
     """Raise ``MemoryError`` where the picture takes more than there is."""
-    window = samples.window
-    require_memory(
-        memory_of_focus(samples, method, subpixels),
-        f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels",
-        "tiles, a crop of the samples and fewer squares take less",
-    )
+    window, takes = samples.window, memory_of_focus(samples, method, subpixels)
+    what = f"focusing {window.width}x{window.height} pixels on {subpixels}x{subpixels} subpixels"
+    less = "a crop of the samples and fewer squares take less"
+    if with_gradients:
+        require_memory(GRADIENTS_TAKE * takes, f"{what} with gradients", less)
+    else:
+        require_memory(takes, what, f"tiles, {less}")
 
 
 def _thin_lens(

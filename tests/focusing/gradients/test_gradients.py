@@ -225,3 +225,14 @@ def test_a_column_that_is_replaced_has_no_gradients_any_more(card):
     dr.enable_grad(z)
     assert card.replace(z=z).replace(z=card.z).attached == {}
     assert list(card.replace(z=z).replace(rgb=card.rgb).attached) == ["z"]
+
+
+def test_gradients_that_would_take_too_much_memory_are_refused(card, monkeypatch):
+    from potmesil_mi.focusing.memory import memory_of_focus
+
+    method = pm.Layered(squares=2)
+    takes = memory_of_focus(card, method, 2)
+    monkeypatch.setenv("POTMESIL_MAX_MEMORY", f"{int(2 * takes / 1e6)}M")
+    pm.focus(card, method=method)
+    with pytest.raises(MemoryError, match="with gradients"):
+        pm.focus(card, card.lens.replace(f_number=attach(2.0)), method=method)
