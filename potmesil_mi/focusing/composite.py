@@ -15,7 +15,14 @@ import numpy as np
 from .. import _backend as jit
 from .._threads import for_each
 from ..samples.raster import Window
-from .film import FinePicture, interleaved, on_device, rows_and_columns, values_at
+from .film import (
+    FinePicture,
+    interleaved,
+    on_device,
+    places_of_crop,
+    rows_and_columns,
+    values_at,
+)
 from .fragments import SHARE
 from .kernels import SUBPIXEL_VARIANCE
 
@@ -185,7 +192,7 @@ class Compositor:
         place = dr.arange(jit.UInt32, self.crop.size)
         scale = 1 / dr.maximum(jit.from_numpy(jit.Float, self.covered.ravel()), FAINTEST)
         light = None if self.sharp is None else self.sharp.light
-        sharp = [of * scale for of in self._of_sharp(light, place)]
+        sharp = [of * scale for of in self._of_sharp(light)]
         rest = dr.maximum(1 - sharp[SHARE], 0)
         blurred = [
             dr.select(rest > FAINTEST_BLUR, (value - sharp[of]) / rest, value)
@@ -202,7 +209,7 @@ class Compositor:
         moments = () if self.sharp is None else self.sharp.moments
         for term, own in enumerate(values_at(on_device(of_samples), place, of_samples.shape[-1])):
             image = moments[term] if moments else None
-            of_sharp = [of * scale for of in self._of_sharp(image, place)]
+            of_sharp = [of * scale for of in self._of_sharp(image)]
             left = own * weight - of_sharp[SHARE]
             values = [left * b + of_sharp[of] for b, of in zip(blurred, colours, strict=True)]
             found.append(interleaved([*values, own * weight]))
@@ -211,21 +218,15 @@ class Compositor:
         tensors = [jit.TensorXf(of, size) for of, size in zip(found, shapes, strict=True)]
         return FinePicture(tensors[0], weights, tensors[1:])
 
-    def _of_sharp(self, image: np.ndarray | None, place: jit.UInt32) -> list[jit.Float]:
-        """The values of an image of the sharp slice, if there is one, at places of the crop.
+    def _of_sharp(self, image: np.ndarray | None) -> list[jit.Float]:
+        """The values of an image of the sharp slice, if there is one, in the crop.
 
         They are 0 where it is not.
         """
         channels = self.total.shape[-1]
         if self.sharp is None or image is None:
             return [jit.Float(0)] * channels
-        box = self.sharp.box
-        row, column = rows_and_columns(place, self.crop.width)
-        x = jit.Int32(column) + dr.opaque(jit.Int32, self.crop.left - box.left)
-        y = jit.Int32(row) + dr.opaque(jit.Int32, self.crop.top - box.top)
-        width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
-        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-        there = jit.UInt32(dr.select(inside, y * width + x, 0))
+        there, inside = places_of_crop(self.crop, self.sharp.box)
         values = values_at(on_device(image), there, channels)
         return [dr.select(inside, value, 0) for value in values]
 

@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from .. import _backend as jit
+from ..samples.raster import Window
 from .moments import NODES, degree_for, degree_with, limited, orders, responses
 
 
@@ -177,6 +178,16 @@ def rows_and_columns(place: jit.UInt32, width: int) -> tuple[jit.UInt32, jit.UIn
     columns = dr.opaque(jit.UInt32, width)
     row = place // columns
     return row, place - row * columns
+
+
+def places_of_crop(crop: Window, box: Window) -> tuple[jit.UInt32, jit.Bool]:
+    """Where each subpixel of a ``crop``, row by row, is in an image of a ``box``, and if it is."""
+    row, column = rows_and_columns(dr.arange(jit.UInt32, crop.size), crop.width)
+    x = jit.Int32(column) + dr.opaque(jit.Int32, crop.left - box.left)
+    y = jit.Int32(row) + dr.opaque(jit.Int32, crop.top - box.top)
+    width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
+    inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    return jit.UInt32(dr.select(inside, y * width + x, 0)), inside
 
 
 def values_at(image: jit.Float, place: jit.UInt32, channels: int) -> list[jit.Float]:

@@ -54,12 +54,12 @@ def gather(
     those of all depths of the samples, unless they are given. Only samples of which ``which``,
     bool (N,), is true are gathered, if it is given.
     """
-    terms = _Terms.of(degree)
+    terms = Terms.of(degree)
     bins = bins or Bins.of(samples.z, radius_per_vergence)
     return _gather(samples, subpixels, alpha, terms, bins, which)[0]
 
 
-class _Terms(NamedTuple):
+class Terms(NamedTuple):
     """Of which orders moments are summed.
 
     ``every`` has those of the film first, without which there is no ``degree``; ``detail`` tells
@@ -71,7 +71,8 @@ class _Terms(NamedTuple):
     detail: list[int]
 
     @classmethod
-    def of(cls, degree: int, detail_degree: int = 0) -> _Terms:
+    def of(cls, degree: int, detail_degree: int = 0) -> Terms:
+        """Those of the degrees of the film and of the detail."""
         every, needed = [(0, 0), *orders(degree)], along_axes(detail_degree)
         every += [order for order in needed if order not in every]
         return cls(degree, every, [every.index(order) for order in needed])
@@ -86,7 +87,7 @@ def _gather(
     samples: PointSamples,
     subpixels: int,
     alpha: bool,
-    terms: _Terms,
+    terms: Terms,
     bins: Bins,
     which: np.ndarray | None,
     whole: Window | None = None,
@@ -112,8 +113,8 @@ def _gather(
         others.append(index_of(~alone & chosen, part))
 
     index = np.concatenate(others)
-    chosen = _Chosen(samples, index, samples.layer[index], samples.weight[index])
-    other_place, other_layer, other_vergence, other_light, _ = _sorted_sums(
+    chosen = Chosen(samples, index, samples.layer[index], samples.weight[index])
+    other_place, other_layer, other_vergence, other_light, _ = sorted_sums(
         chosen, subpixels, alpha, terms, *places_of(located, index, bins)
     )
     place, vergence, light = sums_alone.found(len(other_place))
@@ -123,9 +124,8 @@ def _gather(
     place = np.concatenate([place, other_place])
     vergence = np.concatenate([vergence, other_vergence])
     gap = np.zeros(len(vergence))
-    first = bins.vergence_min + (np.array(nearest)[place[hidden]] + 0.5) * bins.width
-    gap[hidden] = np.maximum(first - vergence[hidden], bins.width * 1e-3)
-    found = _fragments(raster, bins, place, vergence, light)
+    gap[hidden] = bins.gap_behind(np.array(nearest)[place[hidden]], vergence[hidden])
+    found = fragments_of(raster, bins, place, vergence, light)
     found = dataclasses.replace(found, gap_in_front=gap)
     detail = None
     if terms.detail:
@@ -187,7 +187,7 @@ def gather_with_known(
     seen through. ``whole`` is the window of the picture that the samples are a tile of, if they
     are, and ``some_known`` says whether there are any of known visibility in that.
     """
-    terms = _Terms.of(degree, detail_degree)
+    terms = Terms.of(degree, detail_degree)
     bins = bins or bins_of(samples, radius_per_vergence)
     if not (has_known(samples) if some_known is None else some_known):
         found, detail = _gather(samples, subpixels, alpha, terms, bins, None, whole)
@@ -199,7 +199,7 @@ def gather_with_known(
     )
     parts = [(fragments, detail)]
     covers = samples if samples.through is None else samples.replace(z=depth)
-    without = _Terms.of(degree)
+    without = Terms.of(degree)
     for which, kind, of in (
         (~known, INFERRED, terms),
         (known & (samples.layer != ELSEWHERE), COVERS, without),
@@ -237,7 +237,7 @@ def _gathered_known(
     subpixels: int,
     bins: Bins,
     alpha: bool,
-    terms: _Terms,
+    terms: Terms,
     whole: Window | None,
 ) -> tuple[Fragments, Detail | None, np.ndarray]:
     """Samples ``index``, of known visibility: their light, its detail, and what the lens sees.
@@ -251,9 +251,9 @@ def _gathered_known(
     visibility, area = samples.visibility[index], samples.weight[index]
     seen_by = points_that_see(visibility)
     partly = seen_by < VISIBILITY_POINTS
-    chosen = _Chosen(samples, index, partly, area * (seen_by / VISIBILITY_POINTS))
+    chosen = Chosen(samples, index, partly, area * (seen_by / VISIBILITY_POINTS))
     places = places_of(functools.partial(located_in, samples, subpixels, raster), index, bins)
-    place, is_partly, vergence, light, same = _sorted_sums(chosen, subpixels, alpha, terms, *places)
+    place, is_partly, vergence, light, same = sorted_sums(chosen, subpixels, alpha, terms, *places)
     # Rows of what is seen in part, after that of what is seen as a whole.
     known = np.cumsum(is_partly, dtype=np.int32) * (is_partly > 0)
     row, count = known[same[partly]], int(known.max(initial=0)) + 1
@@ -267,7 +267,7 @@ def _gathered_known(
     for point in range(VISIBILITY_POINTS):
         bit = visibility >> np.uint64(point) & np.uint64(1)
         seen[1:, point] = np.rint(255 * np.bincount(row, area * bit, count)[1:] / areas[1:])
-    fragments = _fragments(raster, bins, place, vergence, light[:, : terms.of_film])
+    fragments = fragments_of(raster, bins, place, vergence, light[:, : terms.of_film])
     fragments = dataclasses.replace(fragments, known=known)
     if not terms.detail:
         return fragments, None, seen
@@ -276,7 +276,7 @@ def _gathered_known(
     return fragments, Detail.of(light[:, terms.detail]), seen
 
 
-def _fragments(
+def fragments_of(
     raster: Raster,
     bins: Bins,
     place: np.ndarray,
@@ -307,8 +307,8 @@ def _with_gaps(fragments: Fragments) -> Fragments:
     nearest = np.zeros(fragments.width * fragments.height, np.int32)
     first = fragments.first
     np.maximum.at(nearest, fragments.subpixel[first], fragments.bin[first])
-    before = fragments.vergence_min + (nearest[fragments.subpixel] + 0.5) * fragments.bin_width
-    gap = np.maximum(before - fragments.vergence, fragments.bin_width * 1e-3)
+    bins = Bins(fragments.vergence_min, fragments.bin_width)
+    gap = bins.gap_behind(nearest[fragments.subpixel], fragments.vergence)
     return dataclasses.replace(fragments, gap_in_front=np.where(first, 0, gap).astype(np.float32))
 
 
@@ -346,7 +346,7 @@ class _SumsAlone:
     room for beyond the subpixels stays empty.
     """
 
-    def __init__(self, room: int, alpha: bool, terms: _Terms) -> None:
+    def __init__(self, room: int, alpha: bool, terms: Terms) -> None:
         self.terms = terms
         self.light = [dr.zeros(jit.Float, room * 4) for _ in terms.every]
         self.alpha = [dr.zeros(jit.Float, room) for _ in terms.every if alpha]
@@ -402,23 +402,23 @@ class _SumsAlone:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Chosen:
+class Chosen:
     """Samples ``index`` of ``samples``, with the layers and weights, (n,), that they count with."""
 
     samples: PointSamples
-    index: np.ndarray
+    index: np.ndarray | slice
     layer: np.ndarray
     weight: np.ndarray
 
 
-def _sorted_sums(
-    chosen: _Chosen,
+def sorted_sums(
+    chosen: Chosen,
     subpixels: int,
     alpha: bool,
-    terms: _Terms,
+    terms: Terms,
     places: np.ndarray,
-    across: np.ndarray,
-    down: np.ndarray,
+    across: np.ndarray | float,
+    down: np.ndarray | float,
     bins: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples summed by subpixel, depth layer and bin, by sorting.

@@ -94,6 +94,14 @@ class Bins(NamedTuple):
         width = max(BIN_RADIUS / radius_per_vergence, float(ends[1] - ends[0]) / MAX_BINS)
         return cls(float(ends[0]), width)
 
+    def gap_behind(self, nearest: np.ndarray, vergence: np.ndarray) -> np.ndarray:
+        """By how much things of a ``vergence`` are behind the middles of the ``nearest`` bins.
+
+        It is more than 0.
+        """
+        first = self.vergence_min + (nearest + 0.5) * self.width
+        return np.maximum(first - vergence, self.width * 1e-3)
+
     def of_vergence(self, vergence: jit.Float) -> jit.UInt32:
         """The bins of samples."""
         from_first = (vergence - dr.opaque(jit.Float, self.vergence_min)) * dr.opaque(

@@ -13,6 +13,7 @@ import math
 import sys
 from typing import NamedTuple
 
+import drjit as dr
 import numpy as np
 
 from ..optics.blur import Blur
@@ -72,4 +73,9 @@ def within_reach(samples: PointSamples, blur: Blur, memo: Memo) -> tuple[PointSa
         return Changed(samples.replace(z=z, motion=motion), Memo(memo.max_bytes))
 
     kept = memo.get(("within reach", nearest, farthest), make)
-    return kept.samples, kept.memo
+    if "z" not in samples.attached:
+        return kept.samples, kept.memo
+    # What is kept has none of the gradients, which are those of one call.
+    nearest_z, farthest_z = float(kept.samples.z.min()), float(kept.samples.z.max())
+    z = dr.clip(samples.attached["z"], nearest_z, farthest_z)
+    return kept.samples.replace(z=z), kept.memo

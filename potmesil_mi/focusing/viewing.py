@@ -63,7 +63,7 @@ class Viewing:
             of_pixels = Blur.of(exposure.lens, exposure.samples.camera)
             samples, memo = within_reach(exposure.samples, of_pixels, memo)
             exposure = dataclasses.replace(exposure, samples=samples)
-        self.exposure, self._memo, self._how = exposure, memo, how
+        self.exposure, self.memo, self._how = exposure, memo, how
 
     @property
     def fineness(self) -> Fineness:
@@ -133,7 +133,7 @@ class Viewing:
 
     def evened(self) -> Evened:
         """The fragments of the samples, evened; nothing may move."""
-        return self._memo.get(("fragments", self._about), self._evened)
+        return self.memo.get(("fragments", self._about), self._evened)
 
     def _evened(self) -> Evened:
         exposure, chosen = self.exposure, self.exposure.choices
@@ -163,7 +163,7 @@ class Viewing:
 
     def pyramid(self) -> ViewPyramid:
         """What the lens sees."""
-        return self._memo.get(("view", self._about, self.lens_points), self._pyramid)
+        return self.memo.get(("view", self._about, self.lens_points), self._pyramid)
 
     def _pyramid(self) -> ViewPyramid:
         exposure, radius = self.exposure, self.radius_per_vergence

@@ -69,7 +69,7 @@ class DifferentiableAperture(Aperture):
         object.__setattr__(self, name, plain)
         known = self._attached or {}
         if has_gradient(given):
-            found = Attached(_array(name, given), plain)
+            found = Attached(array_of(name, given), plain)
         elif name in known and known[name].plain is given:
             found = known[name]._replace(plain=plain)
         else:
@@ -86,11 +86,14 @@ def has_gradient(value: Any) -> bool:
     return bool(dr.grad_enabled(value))
 
 
-def _array(name: str, value: Any) -> Any:
-    """The array of single-precision numbers that ``value`` is or has."""
+def array_of(name: str, value: Any) -> Any:
+    """The array of single-precision numbers that ``value``, also a tensor or vectors, has.
+
+    Raises ``TypeError`` for a type without gradients.
+    """
     import drjit as dr
 
-    array = value.array if dr.is_tensor_v(value) else value
+    array = value.array if dr.is_tensor_v(value) else dr.ravel(value)
     if not isinstance(array, jit.Float):
         raise TypeError(
             f"{name}={shown(on_host(value))}: must be an array of {jit.Float.__module__}, which "

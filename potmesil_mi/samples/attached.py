@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _backend as jit
 from .._validation import shown
-from ..optics.arithmetic import is_drjit
+from ..optics.attached import array_of, has_gradient
 
 WITH_GRADIENTS = ("rgb", "alpha", "z", "weight")
 """The columns in which a picture is differentiable."""
@@ -53,23 +53,16 @@ def taken_from(
     """
     found = {}
     for name, column in columns.items():
-        if not is_drjit(column):
+        if not has_gradient(column):
             continue
         import drjit as dr
 
-        if not dr.grad_enabled(column):
-            continue
         if name not in of:
             raise TypeError(
                 f"{name}={shown(column)}: has gradients enabled, but pictures have derivatives in "
                 f"{', '.join(of)} only; detach it, as by dr.detach"
             )
-        values = column.array if dr.is_tensor_v(column) else dr.ravel(column)
-        if not isinstance(values, jit.Float):
-            raise TypeError(
-                f"{name}={shown(column)}: must be an array of {jit.Float.__module__}, which "
-                "mi.variant() has, to have gradients"
-            )
+        values = array_of(name, column)
         plain = np.array(dr.detach(column))
         # Dr.Jit's vectors have their channels first.
         is_vector = plain.ndim == 2 and not dr.is_tensor_v(column)

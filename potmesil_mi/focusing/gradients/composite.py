@@ -11,7 +11,7 @@ import numpy as np
 from ... import _backend as jit
 from ...samples.raster import Window
 from ..composite import FAINTEST, MOST_FILLED, weights_of
-from ..film import rows_and_columns
+from ..film import places_of_crop, rows_and_columns
 from ..fragments import SHARE, gathered
 
 ROUNDED = 1 / 64
@@ -121,12 +121,7 @@ def _in_crop(each: Spread, crop: Window) -> list[jit.Float]:
     colours, alpha, box = each.colours, each.alpha, each.box
     for _ in range(each.resolution.bit_length() - 1):
         colours, alpha, box = _doubled(colours, alpha, box)
-    row, column = rows_and_columns(dr.arange(jit.UInt32, crop.size), crop.width)
-    x = jit.Int32(column) + dr.opaque(jit.Int32, crop.left - box.left)
-    y = jit.Int32(row) + dr.opaque(jit.Int32, crop.top - box.top)
-    width, height = dr.opaque(jit.Int32, box.width), dr.opaque(jit.Int32, box.height)
-    inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    place = jit.UInt32(dr.select(inside, y * width + x, 0))
+    place, inside = places_of_crop(crop, box)
     light = list(gathered(jit.Array4f, colours, place, inside))
     if alpha is not None:
         light.append(gathered(jit.Float, alpha, place, inside))

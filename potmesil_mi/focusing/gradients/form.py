@@ -19,10 +19,10 @@ from ..film import (
     FinePicture,
     ReconstructionFilter,
     interleaved,
+    places_of_crop,
     reconstruct_channels,
-    rows_and_columns,
 )
-from ..fragments import Fragments, gathered
+from ..fragments import gathered
 from ..layered import cropped
 from ..memo import Memo
 from ..viewing import Viewing
@@ -52,9 +52,9 @@ def form(
 
     ``lens`` and ``psf`` are those of the ``exposure``, with their gradients.
     """
-    samples, subpixels = exposure.samples, exposure.subpixels
     viewing, opening = Viewing(exposure, memo, how), _opening(psf)
-    view = _view(viewing, memo, opening.seen_from)
+    samples, subpixels = viewing.samples, exposure.subpixels
+    view = _view(viewing, opening.seen_from)
     plain = exposure.blur
     in_subpixels = samples.camera.focal_length_pixels * subpixels
     blur = Blur(jit.Float(lens.aperture_radius * in_subpixels), jit.Float(1 / lens.focus_distance))
@@ -75,7 +75,9 @@ def form(
     crop = exposure.crop
     its_gradient = None
     if light.density is not None:
-        its_gradient = _cropped(light.density, view.gathering.fragments, crop)
+        fragments = view.gathering.fragments
+        window = Window(0, 0, fragments.width, fragments.height)
+        its_gradient = gathered(jit.Float, light.density, *places_of_crop(crop, window))
     found = composite(
         spread, crop, subpixels, None if density is None else cropped(density, crop), its_gradient
     )
@@ -95,23 +97,16 @@ def _opening(psf: PointSpreadFunction) -> Opening:
     return Opening(psf, aperture_behind(psf))
 
 
-def _cropped(values: jit.Float, fragments: Fragments, crop: Window) -> jit.Float:
-    """The part of an array of the samples' window that is in the crop."""
-    row, column = rows_and_columns(dr.arange(jit.UInt32, crop.size), crop.width)
-    place = (row + crop.top) * dr.opaque(jit.UInt32, fragments.width) + (column + crop.left)
-    return gathered(jit.Float, values, place)
-
-
-def _view(viewing: Viewing, memo: Memo, aperture: Aperture) -> SmoothView:
+def _view(viewing: Viewing, aperture: Aperture) -> SmoothView:
     """What the lens sees from the points of an aperture: known from before, or found out now."""
     exposure, radius = viewing.exposure, viewing.radius_per_vergence
-    samples, subpixels, alpha = exposure.samples, exposure.subpixels, exposure.alpha
+    samples, subpixels, alpha = viewing.samples, exposure.subpixels, exposure.alpha
     # Bins that changed with each aperture would join other samples, and part other surfaces.
     of_bins = 2 ** (math.ceil(math.log2(radius) * BINS_AN_OCTAVE) / BINS_AN_OCTAVE)
     points = viewing.points_of(aperture)
     about = ("smooth", jit.name(), subpixels, alpha, of_bins)
-    gathering = memo.get(about, lambda: gather(samples, subpixels, of_bins, alpha))
-    return memo.get(
+    gathering = viewing.memo.get(about, lambda: gather(samples, subpixels, of_bins, alpha))
+    return viewing.memo.get(
         (*about, radius, points),
         lambda: SmoothView.of(gathering, samples, subpixels, radius, points),
     )
@@ -122,19 +117,15 @@ def _seen(view: SmoothView, light: Light, blur: Blur, weights: jit.Float | None)
 
     That is what it sees, 0 to 1, times what it counts, if the points have ``weights``.
     """
-    edges = view.edges
     if view.seen.size == 0:
         return jit.Float()
     seen = jit.Float(jit.from_numpy(jit.UInt8, view.seen.ravel())) / 255
-
-    def parallax(vergence: jit.Float, radius: jit.Float) -> jit.Float:
-        own, its = (gathered(jit.Float, vergence, of) for of in (edges.fragment, edges.occluder))
-        return radius * (own - its)
-
-    known = parallax(view.plain.vergence, dr.opaque(jit.Float, view.radius_per_vergence))
-    moved = parallax(light.vergence, blur.radius_per_vergence) - known
-    dr.eval(seen)
-    dr.scatter_add(seen, moved * edges.along, edges.lane, mode=dr.ReduceMode.Direct)
+    edges = view.edges
+    if dr.width(edges.lane) > 0:
+        parallax = edges.parallax(light.vergence, blur.radius_per_vergence)
+        dr.eval(seen)
+        moved = (parallax - view.parallax) * edges.along
+        dr.scatter_add(seen, moved, edges.lane, mode=dr.ReduceMode.Direct)
     if weights is None:
         return seen
     point = dr.arange(jit.UInt32, view.seen.size) % dr.opaque(jit.UInt32, len(view.points))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -10,8 +11,8 @@ import numpy as np
 
 from ...samples.point_samples import PointSamples
 from ..density import BORROWED_DENSITY, evened
-from ..fragments import MAX_BINS, SHARE, Fragments
-from ..gathering import ends_of_bins
+from ..fragments import SHARE, Fragments
+from ..gathering import Chosen, Terms, ends_of_bins, fragments_of, sorted_sums
 from ..locating import Bins, Raster, located_in, parts_of
 
 
@@ -66,58 +67,34 @@ def gather(
 
     Of each sample it tells where it went.
     """
-    raster = Raster.of(samples, subpixels)
-    width, height = raster.window.width, raster.window.height
-    bins = Bins.of(samples.z, radius_per_vergence)
+    raster, bins = Raster.of(samples, subpixels), Bins.of(samples.z, radius_per_vergence)
     located = functools.partial(located_in, samples, subpixels, raster)
-    nearest, farthest = (
-        np.array(of) for of in ends_of_bins(len(samples), located, bins, raster.size)
-    )
-    keys = np.empty(len(samples), np.int64)
+    ends = ends_of_bins(len(samples), located, bins, raster.size)
+    nearest, farthest = (np.array(of) for of in ends)
+    places, own_bins = (np.empty(len(samples), np.uint32) for _ in range(2))
     for part, _ in parts_of(len(samples)):
         at = located(part)
         bin_ = bins.of_vergence(at.vergence)
         dr.eval(at.subpixel, bin_)
-        place = np.array(at.subpixel).astype(np.int64)
-        # Where the pinhole sees one depth, its samples are one sum, whatever their bins.
-        alone = (samples.layer[part] == 0) & ((nearest - farthest)[place] <= 1)
-        own = np.where(alone, 0, np.array(bin_))
-        keys[part] = (place * 256 + samples.layer[part]) * (MAX_BINS + 1) + own
-    keys, index = np.unique(keys, return_inverse=True)
-    index = index.astype(np.uint32)
-    place, layer = keys // ((MAX_BINS + 1) * 256), keys // (MAX_BINS + 1) % 256
-    weight = samples.weight.astype(np.float64) * subpixels**2
-
-    def sums(of: np.ndarray) -> np.ndarray:
-        return np.bincount(index, weight * of, len(keys))
-
-    share = sums(np.ones(len(samples)))
-    columns = [*(sums(of) for of in samples.rgb.T), share]
-    if alpha:
-        columns.append(sums(samples.alpha))
-    vergence = sums(1 / samples.z) / share
-    first = bins.vergence_min + (nearest[place] + 0.5) * bins.width
-    gap = np.where(layer > 0, np.maximum(first - vergence, bins.width * 1e-3), 0)
-    fragments = Fragments(
-        width,
-        height,
-        place % width,
-        place // width,
-        vergence,
-        np.stack(columns, axis=1),
-        gap,
-        np.clip((vergence - bins.vergence_min) / bins.width, 0, MAX_BINS).astype(np.int64),
-        bins.vergence_min,
-        bins.width,
-        detail=np.arange(len(keys)),
+        places[part], own_bins[part] = np.array(at.subpixel), np.array(bin_)
+    # Where the pinhole sees one depth, its samples are one sum, whatever their bins.
+    own_bins[(samples.layer == 0) & ((nearest - farthest)[places] <= 1)] = 0
+    every = Chosen(samples, slice(None), samples.layer, samples.weight)
+    place, layer, vergence, light, same = sorted_sums(
+        every, subpixels, alpha, Terms.of(0), places, 0.0, 0.0, own_bins
+    )
+    fragments = dataclasses.replace(
+        fragments_of(raster, bins, place, vergence, light),
+        gap_in_front=np.where(layer > 0, bins.gap_behind(nearest[place], vergence), 0),
+        detail=np.arange(len(place)),
     ).in_order()
     found = evened(fragments, subpixels)
     final = found.fragments
     assert final.detail is not None
-    scale = final.values[:, SHARE] / share[final.detail]
+    scale = final.values[:, SHARE] / light[final.detail, 0, SHARE]
     return Gathering(
         final,
-        index,
+        same.astype(np.uint32),
         final.detail.astype(np.int64),
         place.astype(np.uint32),
         layer == 0,

@@ -58,6 +58,11 @@ class EdgeColumns:
     occluder: jit.UInt32
     along: jit.Float
 
+    def parallax(self, vergence: jit.Float, radius_per_vergence: jit.Float) -> jit.Float:
+        """How far fragments and their occluders move before each other, (E,)."""
+        own, its = (gathered(jit.Float, vergence, of) for of in (self.fragment, self.occluder))
+        return radius_per_vergence * (own - its)
+
 
 @dataclasses.dataclass(frozen=True)
 class SmoothView:
@@ -151,8 +156,18 @@ class SmoothView:
         """How many fragments each bin has, int64 (bins,)."""
         return np.bincount(self.gathering.fragments.bin)
 
+    @functools.cached_property
+    def parallax(self) -> jit.Float:
+        """That of the edges for the lens by which visibility was found."""
+        radius = dr.opaque(jit.Float, self.radius_per_vergence)
+        parallax = self.edges.parallax(self.plain.vergence, radius)
+        dr.eval(parallax)
+        return parallax
+
     def light(self, samples: PointSamples, subpixels: int) -> Light:
         """The light of the fragments, attached to what samples have gradients."""
+        if not samples.attached:
+            return self.plain
         sums = _Sums(self.gathering, samples, subpixels, samples.attached)
         return sums.light(self.plain)
 
@@ -196,8 +211,6 @@ class _Sums:
 
     def light(self, plain: Light) -> Light:
         """The light of the fragments; what has no gradients is that of ``plain``."""
-        if not self.attached:
-            return plain
         values = self._total(self._colours(self.weight))
         share = gathered(jit.Float, values, dr.arange(jit.UInt32, self.count) * 4 + SHARE)
         vergence, alpha = plain.vergence, plain.alpha

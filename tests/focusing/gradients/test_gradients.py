@@ -236,3 +236,25 @@ def test_gradients_that_would_take_too_much_memory_are_refused(card, monkeypatch
     pm.focus(card, method=method)
     with pytest.raises(MemoryError, match="with gradients"):
         pm.focus(card, card.lens.replace(f_number=attach(2.0)), method=method)
+
+
+def test_a_rim_before_what_hides_nothing_has_derivatives(card):
+    """Then some of the lens see nothing of things, and there is no edge."""
+    flat = card.visible().replace(z=np.full(np.count_nonzero(card.layer == 0), 3.0, np.float32))
+    focus = attach(2.3)
+    formed = pm.focus(flat, flat.lens.replace(focus_distance=focus, vignetting=0.5))
+    dr.backward(dr.sum(dr.square(formed.array)))
+    assert dr.grad(focus)[0] != 0
+
+
+def test_depths_keep_their_gradients_where_something_is_too_near_to_be_spread(card):
+    """What is so near is moved, and has no derivative; all the rest has its own."""
+    z = card.z.copy()
+    z[0] = 1e-7
+    depth = mi.Float(z)
+    dr.enable_grad(depth)
+    dr.backward(dr.sum(dr.square(pm.focus(card.replace(z=depth)).array)))
+    found = np.array(dr.grad(depth))
+    assert np.isfinite(found).all()
+    assert found[0] == 0
+    assert np.count_nonzero(found) > len(found) / 2
