@@ -173,13 +173,11 @@ class LensView:
         points, times = lens_points.points, lens_points.times
         sight, bright_ones = (None, None) if limits is None else limits
         coverable, seen = visibility(covers, radius_per_vergence, points, times, sight, lit)
-        # The pinhole does see its samples: without a trace of them there might be black holes.
-        first = covers.gap_in_front[coverable] == 0
-        seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
+        leave_a_trace(covers, coverable, seen)
         if seen_of_known is not None:
             fragments, coverable, seen = _with_known(fragments, coverable, seen, seen_of_known)
         if lens_points.has_rim:
-            coverable, seen, fragments = _within_rim(fragments, coverable, seen, lens_points)
+            coverable, seen, fragments = within_rim(fragments, coverable, seen, lens_points)
         all_seen, some_seen = seen.min(axis=1) == 255, seen.any(axis=1)
         unoccluded, occluded = ~coverable, np.zeros(len(fragments), dtype=bool)
         unoccluded[coverable], occluded[coverable] = all_seen, some_seen & ~all_seen
@@ -342,7 +340,17 @@ def _with_known(
     return fragments.chosen(lit), of_all[lit], seen_of_all[lit[of_all]]
 
 
-def _within_rim(
+def leave_a_trace(fragments: Fragments, coverable: np.ndarray, seen: np.ndarray) -> None:
+    """Have the innermost lens point see something of what the pinhole sees.
+
+    ``seen`` is what points see of the ``coverable`` of the fragments. Without a trace of the others
+    there might be black holes: the pinhole does see its samples.
+    """
+    first = fragments.gap_in_front[coverable] == 0
+    seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
+
+
+def within_rim(
     fragments: Fragments, coverable: np.ndarray, seen: np.ndarray, lens_points: LensPoints
 ) -> tuple[np.ndarray, np.ndarray, Fragments]:
     """What lens points see of all fragments where the rim of the lens lets through a part only.

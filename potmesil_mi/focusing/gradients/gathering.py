@@ -55,9 +55,10 @@ class Gathering(NamedTuple):
         columns = (self.sum_of_sample, self.sum_of_fragment, self.subpixel_of_sum, self.scale)
         return self.fragments.nbytes + sum(of.nbytes for of in columns)
 
-    def scaled(self, scale: np.ndarray) -> Gathering:
-        """The same with the light of each fragment multiplied by a ``scale``, float32 (F,)."""
-        return self._replace(fragments=self.fragments.scaled(scale), scale=self.scale * scale)
+    def brightened(self, fragments: Fragments) -> Gathering:
+        """The same of its ``fragments`` with their light, all of each, multiplied by something."""
+        times = fragments.values[:, SHARE] / self.fragments.values[:, SHARE]
+        return self._replace(fragments=fragments, scale=self.scale * times)
 
 
 def gather(

@@ -14,7 +14,7 @@ from ...samples.point_samples import PointSamples
 from ..detail import Detail, along_axes, detail_degree
 from ..fragments import SHARE, as_column, gathered, scatter_mode
 from ..lens_points import LensPoints
-from ..lens_view import LEAST_SEEN
+from ..lens_view import leave_a_trace, within_rim
 from ..locating import Raster, located_in
 from ..moments import legendre
 from ..visibility import visibility
@@ -104,16 +104,10 @@ class SmoothView:
         fragments, found = gathering.fragments, Edges()
         points = lens_points.points
         coverable, seen = visibility(fragments, radius_per_vergence, points, edges=found)
-        first = fragments.gap_in_front[coverable] == 0
-        seen[first, 0] = np.maximum(seen[first, 0], LEAST_SEEN)
+        leave_a_trace(fragments, coverable, seen)
         if lens_points.has_rim:
-            inside = lens_points.inside_rim(fragments, points)
-            inside[~inside.any(axis=1), 0] = True
-            of_all = np.full(inside.shape, 255, np.uint8)
-            of_all[coverable] = seen
-            seen, coverable = of_all * inside, np.ones(len(fragments), dtype=bool)
-            scale = len(points) / inside.sum(axis=1)
-            gathering = gathering.scaled(scale.astype(np.float32))
+            coverable, seen, brighter = within_rim(fragments, coverable, seen, lens_points)
+            gathering = gathering.brightened(brighter)
         fragment, occluder, point, across, down = found.columns()
         has_edge = np.zeros(len(fragments), dtype=bool)
         has_edge[fragment] = True
@@ -125,7 +119,7 @@ class SmoothView:
         row = np.cumsum(occluded) - 1
         along = across * points[point, 0] + down * points[point, 1]
         if lens_points.has_rim:
-            along *= inside[fragment, point]
+            along *= lens_points.inside_rim(fragments, points)[fragment, point]
         return cls(
             gathering,
             np.flatnonzero(unoccluded),
